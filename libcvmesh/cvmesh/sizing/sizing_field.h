@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include <vector>
+
+#include "cvmesh/grid/grid.h"
+
+namespace cvmesh {
+
+/// Target edge length h: on the dense surface vertices, and on the working grid for the interior.
+///
+/// `h > 0` everywhere and |h(a) - h(b)| <= delta |a - b| up to the discretisation of the grid.
+struct SizingField {
+  std::vector<double> lfs_mm;        ///< local feature size at each dense vertex
+  std::vector<double> h_mm;          ///< target edge length at each dense vertex
+  Grid<float> volume_h_mm;           ///< the same, extended into the volume (maybe a coarser frame)
+  double delta = 0.4;                ///< gradation: the Lipschitz bound of h
+
+  /// Trilinear h at a point (grid mm), clamped to the grid.
+  [[nodiscard]] double at(const Vec3& p) const;
+};
+
+}  // namespace cvmesh
