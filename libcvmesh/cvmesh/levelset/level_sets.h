@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -21,6 +22,30 @@ struct SparseLevelSet {
   std::array<int, 3> blocks{0, 0, 0};
   std::vector<std::int32_t> block_at;       ///< x fastest; -1 where none is stored
   std::vector<float> values;                ///< block after block, x fastest inside each
+
+  static constexpr int kBlockNodes = kBlock * kBlock * kBlock;
+
+  /// Index of the stored block that holds grid node (i, j, k), or -1.
+  [[nodiscard]] int block_of(int i, int j, int k) const {
+    const int bi = i / kBlock - first_block[0], bj = j / kBlock - first_block[1],
+              bk = k / kBlock - first_block[2];
+    if (bi < 0 || bj < 0 || bk < 0 || bi >= blocks[0] || bj >= blocks[1] || bk >= blocks[2])
+      return -1;
+    return block_at[(static_cast<std::size_t>(bk) * blocks[1] + bj) * blocks[0] + bi];
+  }
+
+  /// Place in `block_at` of a block given by its place in the grid of blocks; it must be inside.
+  [[nodiscard]] std::size_t table_index(const std::array<int, 3>& block) const {
+    return (static_cast<std::size_t>(block[2] - first_block[2]) * blocks[1] + block[1] -
+            first_block[1]) *
+               blocks[0] +
+           block[0] - first_block[0];
+  }
+
+  /// Place of grid node (i, j, k) inside its block.
+  static int offset_in_block(int i, int j, int k) {
+    return ((k % kBlock) * kBlock + j % kBlock) * kBlock + i % kBlock;
+  }
 };
 
 /// The level sets of all materials on one grid. At every node the own label's value is positive

@@ -29,7 +29,7 @@ struct Particle {
 };
 
 struct ParticleSet {
-  std::vector<Particle> particles;    ///< sorted by dimension, then stratum
+  std::vector<Particle> particles;  ///< sorted by dimension, then stratum
 };
 
 }  // namespace cvmesh

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include <cstddef>
 #include <map>
 #include <optional>
 #include <vector>
@@ -29,7 +30,11 @@ struct SizingOptions {
 struct SizingStats {
   double lfs_min_mm = 0, lfs_median_mm = 0, lfs_max_mm = 0;
   double h_min_mm = 0, h_median_mm = 0, h_max_mm = 0;
-  double expected_vertices = 0;                ///< (2 / sqrt 3) * integral of dA / h^2
+  /// Surface vertices that spacing h leads to: (2 / sqrt 3) times the integral of dA / h^2 over the
+  /// interfaces, less half the length of each patch's border over h, plus the vertices of curves
+  /// (length over h) and corners.
+  double expected_vertices = 0;
+  std::size_t capped_vertices = 0;  ///< dense vertices of parts too small for epsilon times LFS
 };
 
 struct SizingResult {
@@ -37,16 +42,36 @@ struct SizingResult {
   SizingStats stats;
 };
 
-/// Distance of every dense vertex to the medial axis, in mm; near junction curves corrected as
-/// design.md, "medial axis and sizing", says. Independent of epsilon.
-std::vector<double> local_feature_size(const InterfaceMesh& dense, const Strata& strata,
-                                       const MedialAxis& medial_axis, double voxel_mm,
+/// Local feature size of every dense vertex, in mm: its distance to the medial axis of the
+/// materials that meet there, independent of epsilon.
+///
+/// Vertices of junction curves and corners have a size of the curves instead: the smaller of the
+/// radius of curvature and half the distance to curves and corners that are not their neighbours.
+/// Within a few voxels of a curve, a sheet's feature size is at least that of the curve and at
+/// least half the distance to the nearest curve that does not bound the sheet, whichever is
+/// smaller. Where no medial point limits it, it is the diagonal of the dense surface's box.
+/// @param voxel_mm  smallest spacing of the working grid
+/// @note  O(vertices log(medial points)); parallel
+std::vector<double> local_feature_size(const InterfaceMesh& dense,
+                                       const Strata& strata,
+                                       const MedialAxis& medial_axis,
+                                       double voxel_mm,
                                        const StageContext& context);
 
 /// h(x) = min over y of clamp(epsilon max(LFS(y), floor), min, max) + delta |x - y|, on the dense
 /// vertices and on the grid [Persson 2006, Meyer 2007].
-SizingResult compute_sizing_field(const InterfaceMesh& dense, const Strata& strata,
-                                  std::vector<double> lfs_mm, const GridFrame& frame,
-                                  const SizingOptions& options, const StageContext& context);
+///
+/// Where materials meet, the smallest of their sizes holds; the exterior counts only where
+/// `per_material` names it. Two caps keep closed parts meshable at any epsilon, min_edge_mm or not:
+/// a closed boundary of area A has h <= sqrt(A / (12 sqrt(3) / 2)), room for 12 vertices, and a
+/// closed curve has room for 4. The frame of `volume_h_mm` is `frame`, coarsened by a whole number
+/// until it has at most 20 million nodes.
+/// @throws Error BadParameter for epsilon, delta or bounds out of range
+SizingResult compute_sizing_field(const InterfaceMesh& dense,
+                                  const Strata& strata,
+                                  std::vector<double> lfs_mm,
+                                  const GridFrame& frame,
+                                  const SizingOptions& options,
+                                  const StageContext& context);
 
 }  // namespace cvmesh

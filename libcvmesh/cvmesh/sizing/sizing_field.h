@@ -9,7 +9,9 @@ namespace cvmesh {
 
 /// Target edge length h: on the dense surface vertices, and on the working grid for the interior.
 ///
-/// `h > 0` everywhere and |h(a) - h(b)| <= delta |a - b| up to the discretisation of the grid.
+/// `h > 0` everywhere. |h(a) - h(b)| <= delta |a - b| along every edge of the dense surface, and on
+/// the grid up to its discretisation: between the nodes of one edge, h differs by delta times the
+/// spacing at most.
 struct SizingField {
   std::vector<double> lfs_mm;        ///< local feature size at each dense vertex
   std::vector<double> h_mm;          ///< target edge length at each dense vertex

@@ -8,23 +8,26 @@
 #include "cvmesh/mesh/interface_mesh.h"
 #include "cvmesh/mesh/tet_mesh.h"
 #include "cvmesh/sizing/sizing_field.h"
+#include "cvmesh/tet/improve_tets.h"
 
 namespace cvmesh {
 
 struct TetrahedralizeOptions {
-  double radius_edge_ratio = 1.4;    ///< TetGen's -q; larger is looser
-  double min_dihedral_deg = 10;      ///< TetGen's second -q value
-  double interior_growth = 1.0;      ///< interior edge length over the sizing field; 0: no bound
-  double time_limit_s = 1800;        ///< of one TetGen run
-  double memory_limit_mb = 0;        ///< of the TetGen process; 0: none
+  double radius_edge_ratio = 1.4;  ///< TetGen's -q; larger is looser
+  double min_dihedral_deg = 10;    ///< TetGen's second -q value
+  double interior_growth = 1.0;    ///< interior edge length over the sizing field; 0: no bound
+  double time_limit_s = 1800;      ///< of one TetGen run
+  double memory_limit_mb = 0;      ///< of the TetGen process; 0: none
+  int improvement_passes = 8;      ///< of `improve_tets` over the result; 0 turns it off
 };
 
 struct TetrahedralizeStats {
-  std::string switches;              ///< those of the run whose result was used
+  std::string switches;  ///< those of the run whose result was used
   int attempts = 0;
   std::vector<std::string> failed_attempts;  ///< "switches: what happened", in order
-  std::size_t steiner_points = 0;    ///< points that are not on the input surfaces
-  double volume_error = 0;           ///< largest |tets - surface integral| / integral of a material
+  std::size_t steiner_points = 0;            ///< points that are not on the input surfaces
+  double volume_error = 0;  ///< largest |tets - surface integral| / integral of a material
+  ImproveTetsStats improvement;
 };
 
 struct TetrahedralizeResult {
@@ -32,7 +35,21 @@ struct TetrahedralizeResult {
   TetrahedralizeStats stats;
 };
 
-TetrahedralizeResult tetrahedralize(const InterfaceMesh& surface, std::size_t material_count,
+/// Tets that fill every material of `surface`, whose points and facets stay as they are.
+///
+/// The surface is certified first (closed, oriented, free of intersections). TetGen [Si 2015] then
+/// fills it in a helper program, adding points in the interior only, by up to six sets of switches
+/// from strict to loose; the first result that passes every check is taken: surface points
+/// bit-identical, every facet a face of a tet, all tets positive, each connected part bounded by
+/// sides of one material, volumes equal to the surface integrals. Interior edges follow
+/// `interior_growth` times the sizing field (no bound where the field is empty). Parts that lie in
+/// the exterior are dropped. Last, `improve_tets`.
+///
+/// @throws Error BadParameter for options out of range; StageFailed when the surface is not valid,
+///         or no set of switches gives a valid result; Limit for the last attempt's time or memory
+///         limit and for a cancel
+TetrahedralizeResult tetrahedralize(const InterfaceMesh& surface,
+                                    std::size_t material_count,
                                     const SizingField& sizing_field,
                                     const TetrahedralizeOptions& options,
                                     const StageContext& context);

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cli_options.h"
+
+#include "cvmesh/core/error.h"
+#include "cvmesh/core/version.h"
+#include "cvmesh/io/json_io.h"
+#include "cvmesh/params/parse_parameters.h"
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include <map>
+
+namespace cvmesh::app {
+
+namespace {
+
+constexpr char kExamples[] =
+    "Examples:\n"
+    "  cvmesh mesh scan.nii.gz --out mesh                     with the default parameters\n"
+    "  cvmesh mesh scan.nii.gz --params ct.json --out mesh    with a parameter file\n"
+    "  cvmesh mesh scan.nii.gz --set epsilon=4 --out mesh     coarser\n"
+    "  cvmesh mesh scan.nii.gz --set target_vertices=20000    by the number of surface vertices\n"
+    "  cvmesh defaults > params.json                          a parameter file to start from\n"
+    "  cvmesh schema                                          all parameters, as a JSON schema\n"
+    "\n"
+    "Exit codes: 0 ok, 1 internal error, 2 usage or parameter, 3 bad input, 4 a stage failed,\n"
+    "5 a quality gate was missed, 6 output cannot be written, 7 time or memory limit, 128+n signal "
+    "n";
+
+constexpr char kMeshFooter[] =
+    "With NAME the input's name without suffix, writes NAME.vtu, NAME.mesh, NAME.surface.vtp and,\n"
+    "last, NAME.metrics.json; a run that fails leaves NAME.failed.json only.";
+
+const std::map<std::string, std::string>& space_choices() {
+  static const std::map<std::string, std::string> choices = {
+      {"input", "input"}, {"ras", "ras"}, {"lps", "lps"}, {"grid", "grid"}};
+  return choices;
+}
+
+std::optional<Space> space_of(const std::string& name) {
+  if (name == "ras") return Space::Ras;
+  if (name == "lps") return Space::Lps;
+  if (name == "grid") return Space::Grid;
+  return std::nullopt;
+}
+
+void add_mesh_command(CLI::App& app, CliOptions& options, std::string& space, std::string& seed) {
+  CLI::App* mesh = app.add_subcommand("mesh", "Mesh a label volume");
+  mesh->footer(kMeshFooter);
+  mesh->add_option("LABELS", options.mesh.input, "Label volume: .nii .nii.gz .mha .mhd .nrrd")
+      ->required();
+  mesh->add_option("--params", options.mesh.params_file,
+                   "Parameter file (JSON); default: defaults");
+  mesh->add_option("--out", options.mesh.out_dir, "Folder of the results, made if needed")
+      ->capture_default_str();
+  mesh->add_option("--space", space,
+                   "Coordinates of the results: the input's own, RAS, LPS, or grid mm")
+      ->transform(CLI::IsMember(space_choices(), CLI::ignore_case))
+      ->default_str("input");
+  mesh->add_option("--set", options.mesh.settings,
+                   "key=value, over the parameter file; labels.2.epsilon=0.5 for one label")
+      ->allow_extra_args(false);
+  mesh->add_option("--seed", seed, "Short for --set seed=N");
+  mesh->add_option("--threads", options.threads,
+                   "Number of threads; default: SLURM_CPUS_PER_TASK or all cores")
+      ->check(CLI::Range(1, 4096));
+  mesh->add_flag("--keep-stages", options.mesh.keep_stages,
+                 "Write each stage's result to OUT/stages");
+  mesh->add_flag("--surface-only", options.mesh.surface_only, "Stop before the tets");
+  CLI::Option* quiet = mesh->add_flag("-q,--quiet", options.is_quiet, "Warnings and errors only");
+  mesh->add_flag("-v,--verbose", options.is_verbose, "Say more")->excludes(quiet);
+}
+
+}  // namespace
+
+CliOutcome parse_command_line(int argc, char** argv) {
+  CliOutcome outcome;
+  CliOptions& options = outcome.options;
+  CLI::App app("Conformal multi-material tetrahedral meshes of segmented images", "cvmesh");
+  app.footer(kExamples);
+  app.set_version_flag("--version", std::string("cvmesh ") + kVersion);
+  app.require_subcommand(1);
+
+  std::string space, seed;
+  add_mesh_command(app, options, space, seed);
+  CLI::App* schema = app.add_subcommand("schema", "Print the JSON schema of the parameter file");
+  CLI::App* defaults = app.add_subcommand("defaults", "Print a parameter file with all defaults");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    // CLI11 has exit codes of its own, all above 100; ours says "usage".
+    outcome.exit_code = app.exit(error) == 0 ? 0 : static_cast<int>(ErrorCode::BadParameter);
+    return outcome;
+  }
+  if (*schema) options.command = Command::Schema;
+  if (*defaults) options.command = Command::Defaults;
+  options.mesh.space = space_of(space);
+  if (!seed.empty()) options.mesh.settings.push_back("seed=" + seed);
+  return outcome;
+}
+
+RunRequest make_request(const MeshCommand& command) {
+  const nlohmann::ordered_json file = command.params_file.empty() ? nlohmann::ordered_json::object()
+                                                                  : read_json(command.params_file);
+  RunRequest request;
+  request.input = command.input;
+  request.out_dir = command.out_dir;
+  request.parameters = parse_parameters(file, "'" + command.params_file + "'", command.settings);
+  request.space = command.space;
+  request.keep_stages = command.keep_stages;
+  request.surface_only = command.surface_only;
+  return request;
+}
+
+}  // namespace cvmesh::app

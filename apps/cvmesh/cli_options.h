@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/pipeline/pipeline.h"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace cvmesh::app {
+
+enum class Command { Mesh, Schema, Defaults };
+
+struct MeshCommand {
+  std::string input, params_file, out_dir = ".";
+  std::optional<Space> space;         ///< empty: the input's own
+  std::vector<std::string> settings;  ///< "key=value", `--seed N` among them
+  bool keep_stages = false, surface_only = false;
+};
+
+struct CliOptions {
+  Command command = Command::Mesh;
+  MeshCommand mesh;
+  int threads = 0;  ///< 0: as many as the machine, or the Slurm task, has
+  bool is_quiet = false, is_verbose = false;
+};
+
+/// The command line, parsed; or, where it was answered already (help, version, usage error), the
+/// exit code.
+struct CliOutcome {
+  CliOptions options;
+  std::optional<int> exit_code;
+};
+
+CliOutcome parse_command_line(int argc, char** argv);
+
+/// The run that a mesh command asks for: parameter file read, settings applied.
+/// @throws Error BadParameter
+RunRequest make_request(const MeshCommand& command);
+
+}  // namespace cvmesh::app

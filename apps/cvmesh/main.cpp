@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/error.h"
+#include "cvmesh/params/parameters_schema.h"
+#include "cvmesh/params/parse_parameters.h"
+#include "cvmesh/pipeline/pipeline.h"
+
+#include <nlohmann/json.hpp>
+#include <spdlog/spdlog.h>
+#include <tbb/global_control.h>
+#include <tbb/info.h>
+
+#include "cli_options.h"
+#include "console.h"
+#include <algorithm>
+#include <atomic>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
+#include <iostream>
+#include <string>
+#include <unistd.h>
+
+namespace {
+
+using namespace cvmesh;
+
+constexpr int kSignalExitBase = 128;
+
+std::atomic<bool> cancel_requested = false;
+std::atomic<int> received_signal = 0;
+static_assert(std::atomic<int>::is_always_lock_free, "set from a signal handler");
+
+/// The first signal asks the run to stop and clean up; a second one ends it at once.
+void on_signal(int signal) {
+  if (received_signal.exchange(signal) != 0) _exit(kSignalExitBase + signal);
+  cancel_requested = true;
+}
+
+/// Threads of this run: as asked for, else as the Slurm task was given, else all cores that the
+/// process may use.
+std::size_t thread_count(int asked) {
+  if (asked > 0) return static_cast<std::size_t>(asked);
+  const char* slurm = std::getenv("SLURM_CPUS_PER_TASK");     // NOLINT(concurrency-mt-unsafe)
+  const int given = slurm != nullptr ? std::atoi(slurm) : 0;  // NOLINT(cert-err34-c): 0 is fine
+  return static_cast<std::size_t>(given > 0 ? given : tbb::info::default_concurrency());
+}
+
+void print(const nlohmann::ordered_json& json) {
+  std::cout << json.dump(2) << "\n" << std::flush;
+  require(std::cout.good(), ErrorCode::Output, "write", "standard output cannot be written");
+}
+
+int run_mesh(const app::CliOptions& options) {
+  const bool has_bar = !options.is_quiet && !options.is_verbose && app::is_terminal();
+  const RunRequest request = app::make_request(options.mesh);
+  const tbb::global_control threads(tbb::global_control::max_allowed_parallelism,
+                                    thread_count(options.threads));
+  app::ProgressBar bar;
+  StageContext context;
+  context.log = app::make_log(options.is_quiet, options.is_verbose, has_bar);
+  context.progress = has_bar ? &bar : nullptr;
+  context.cancel = &cancel_requested;
+  try {
+    const RunResult result = run_pipeline(request, context);
+    if (!options.is_quiet) std::cerr << app::summary_table(result);
+  } catch (...) {
+    bar.clear();
+    throw;
+  }
+  return 0;
+}
+
+int run(int argc, char** argv) {
+  const app::CliOutcome outcome = app::parse_command_line(argc, argv);
+  if (outcome.exit_code) return *outcome.exit_code;
+  switch (outcome.options.command) {
+    case app::Command::Schema:
+      print(parameters_schema());
+      return 0;
+    case app::Command::Defaults:
+      print(parameters_to_json(Parameters{}));
+      return 0;
+    case app::Command::Mesh:
+      break;
+  }
+  return run_mesh(outcome.options);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+  std::signal(SIGPIPE, SIG_IGN);  // a closed pipe is an error of the write, not the end of us
+  try {
+    return run(argc, argv);
+  } catch (const Error& error) {
+    std::cerr << "cvmesh: error: " << error.what() << "\n";
+    const int signal = received_signal;
+    return signal != 0 ? kSignalExitBase + signal : static_cast<int>(error.code());
+  } catch (const std::exception& error) {
+    std::cerr << "cvmesh: error: " << error.what() << "\n";
+  }
+  return static_cast<int>(ErrorCode::Internal);
+}

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/io/tet_writer.h"
+
+#include "cvmesh/io/atomic_file.h"
+#include "cvmesh/io/output_tables.h"
+#include "cvmesh/io/vtk_xml.h"
+
+#include <string>
+#include <vector>
+
+namespace cvmesh {
+namespace {
+
+constexpr std::int64_t kVtkTetra = 10;
+
+template <std::size_t N>
+void append_line(std::string& line,
+                 const std::array<std::int32_t, N>& vertices,
+                 std::int64_t reference) {
+  for (const std::int32_t vertex : vertices) {
+    append_number(line, std::int64_t{vertex} + 1);
+    line += ' ';
+  }
+  append_number(line, reference);
+  line += '\n';
+}
+
+}  // namespace
+
+void write_vtu(const std::filesystem::path& path,
+               const TetMesh& mesh,
+               const LabelVolume& labels,
+               const Affine& mm_to_out,
+               Space space) {
+  const Placement place(mm_to_out);
+  const std::vector<Label> label_of = output_labels(labels);
+  const std::size_t count = mesh.tets.size();
+  detail::VtkXml xml("UnstructuredGrid");
+  xml.add_label_fields(labels, space);
+  xml.begin_piece("NumberOfPoints=\"" + std::to_string(mesh.points.size()) + "\" NumberOfCells=\"" +
+                  std::to_string(count) + "\"");
+  xml.begin_section("CellData", " Scalars=\"labels\"");
+  xml.add_int32("labels", count, [&](std::size_t i) { return label_of[mesh.material_of[i]]; });
+  xml.end_section();
+  xml.add_points(mesh.points, place);
+  xml.begin_section("Cells");
+  xml.add_int64("connectivity", 4 * count,
+                [&](std::size_t i) { return std::int64_t{place(mesh.tets[i / 4])[i % 4]}; });
+  xml.add_int64("offsets", count,
+                [](std::size_t i) { return static_cast<std::int64_t>(4 * (i + 1)); });
+  const std::vector<std::uint8_t> types(count, static_cast<std::uint8_t>(kVtkTetra));
+  xml.add_values("types", std::span<const std::uint8_t>(types));
+  xml.end_section();
+  xml.write(path);
+}
+
+void write_medit(const std::filesystem::path& path,
+                 const TetMesh& mesh,
+                 const LabelVolume& labels,
+                 const Affine& mm_to_out,
+                 Space space) {
+  const Placement place(mm_to_out);
+  const std::vector<Label> label_of = output_labels(labels);
+  const InterfaceTable table = interface_table(mesh.surface);
+  AtomicFile file(path);
+  // Readers that know comments at all know them between sections, not before the first keyword.
+  std::string text = "MeshVersionFormatted 2\nDimension 3\n# SPACE=";
+  text += space_name(space);
+  text += "\n# Tetrahedra: reference = label\n";
+  for (std::size_t id = 1; id < labels.material_count(); ++id)
+    text += "# label " + std::to_string(labels.label_of[id]) + ": \"" +
+            one_line(labels.name_of[id]) + "\"\n";
+  text += "# Triangles: reference = interface\n";
+  for (std::size_t row = 0; row < table.patches.size(); ++row)
+    text += "# " + std::to_string(row + 1) + ": " + describe_interface(table.patches[row], labels) +
+            "\n";
+  text += "Vertices\n" + std::to_string(mesh.points.size()) + "\n";
+  file.write(text);
+
+  for (const Vec3& point : mesh.points) {
+    const Vec3 p = place(point);
+    text.clear();
+    for (int axis = 0; axis < 3; ++axis) {
+      append_number(text, p[axis]);
+      text += ' ';
+    }
+    text += "0\n";
+    file.write(text);
+  }
+  file.write("Tetrahedra\n" + std::to_string(mesh.tets.size()) + "\n");
+  for (std::size_t i = 0; i < mesh.tets.size(); ++i) {
+    text.clear();
+    append_line(text, place(mesh.tets[i]), label_of[mesh.material_of[i]]);
+    file.write(text);
+  }
+  file.write("Triangles\n" + std::to_string(mesh.surface.facets.size()) + "\n");
+  for (std::size_t i = 0; i < mesh.surface.facets.size(); ++i) {
+    text.clear();
+    append_line(text, place(mesh.surface.facets[i]), table.index_of[i]);
+    file.write(text);
+  }
+  file.write("End\n");
+  file.commit();
+}
+
+}  // namespace cvmesh

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/grid/grid_frame.h"
+#include "cvmesh/labels/label_volume.h"
+#include "cvmesh/mesh/tet_mesh.h"
+
+#include <filesystem>
+
+namespace cvmesh {
+
+/// Writes the tets as a VTK XML unstructured grid: appended raw binary, Float64 points.
+///
+/// Cell array `labels` (Int32, the scalars) holds the user's label of each tet. Field data: `SPACE`
+/// (string), `label_values`, `label_names`, `exterior_label`. A mirroring map swaps two vertices
+/// of every tet, so that volumes stay positive.
+///
+/// @param mm_to_out  grid millimetres -> file coordinates
+/// @param space      what those coordinates are
+/// @throws Error Output when the file cannot be written
+void write_vtu(const std::filesystem::path& path,
+               const TetMesh& mesh,
+               const LabelVolume& labels,
+               const Affine& mm_to_out,
+               Space space);
+
+/// Writes tets and surface facets as Medit ASCII (version 2), numbers in their shortest form that
+/// reads back as the same double.
+///
+/// Tet references are the user's labels. Triangle references count the rows of the interface
+/// table, which comment lines (#) at the top spell out, after one with the space.
+/// @throws Error Output when the file cannot be written
+void write_medit(const std::filesystem::path& path,
+                 const TetMesh& mesh,
+                 const LabelVolume& labels,
+                 const Affine& mm_to_out,
+                 Space space);
+
+}  // namespace cvmesh

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/labels/label_volume.h"
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace cvmesh {
+
+/// The label volume in a file: `.nii`, `.nii.gz` (NIfTI-1 and -2), `.mha`, `.mhd`, `.nrrd`.
+///
+/// The frame's `index_to_world` is the file's own map, bit by bit, in the file's own space:
+/// - NIfTI, RAS: the s-form if its code is set, else the q-form, else the voxel sizes alone;
+///   metres and microns become millimetres. Shear is fine.
+/// - MetaImage, LPS: TransformMatrix, ElementSpacing and Offset (`AnatomicalOrientation` does not
+///   matter, as in ITK).
+/// - NRRD as its field `space` declares: RAS, LPS or LAS; otherwise the space is Unknown.
+///
+/// `spacing_mm` are the column norms of that map. Headers are parsed and data checked (length,
+/// checksums) by our own code before any library sees the file, since damaged and hostile files
+/// are read by ITK 5.2 without complaint. A one-slice volume (n x m x 1) is a volume; a
+/// two-dimensional image is not.
+///
+/// @param warnings  if given, gets one sentence per oddity that the mesh depends on (q-form and
+///                  s-form differ, no orientation stored, units converted)
+/// @throws Error BadInput for anything that is no three-dimensional scalar label volume: missing,
+///         damaged or truncated file, other dimensions, vector or colour voxels, values that are
+///         no integers (tolerance 1e-3, then rounded) or leave Int32, scaled values, degenerate
+///         geometry, data in other files than a plain sibling
+/// @note   4 bytes per voxel, plus the size of the file's voxels for MetaImage and NRRD
+InputVolume read_label_volume(const std::filesystem::path& path,
+                              std::vector<std::string>* warnings = nullptr);
+
+}  // namespace cvmesh

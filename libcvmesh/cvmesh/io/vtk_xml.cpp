@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/io/vtk_xml.h"
+
+#include "cvmesh/io/output_tables.h"
+
+#include <algorithm>
+#include <bit>
+
+namespace cvmesh::detail {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "arrays are written as they lie");
+
+constexpr std::size_t kBlock = 1 << 16;  // values produced at a time
+
+std::size_t bytes_of(const std::string& type) {
+  if (type == "UInt8") return 1;
+  return type == "Int32" ? 4 : 8;
+}
+
+template <typename T>
+VtkXml::Writer produced(std::size_t count, const std::function<T(std::size_t)>& at) {
+  return [count, at](AtomicFile& file) {
+    std::vector<T> block;
+    block.reserve(std::min(count, kBlock));
+    for (std::size_t begin = 0; begin < count; begin += kBlock) {
+      const std::size_t end = std::min(count, begin + kBlock);
+      block.clear();
+      for (std::size_t i = begin; i < end; ++i)
+        block.push_back(at(i));
+      file.write_values(std::span<const T>(block));
+    }
+  };
+}
+
+}  // namespace
+
+std::string escape_xml(const std::string& text) {
+  std::string result;
+  for (const char c : text) {
+    switch (c) {
+      case '&':
+        result += "&amp;";
+        break;
+      case '<':
+        result += "&lt;";
+        break;
+      case '>':
+        result += "&gt;";
+        break;
+      case '"':
+        result += "&quot;";
+        break;
+      default:
+        result += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
+    }
+  }
+  return result;
+}
+
+VtkXml::VtkXml(const std::string& type) : type_(type) {}
+
+void VtkXml::add_field_strings(const std::string& name, const std::vector<std::string>& values) {
+  // VTK's own form: the character codes of each string, each string ended by a 0.
+  fields_ += "      <Array type=\"String\" Name=\"" + escape_xml(name) + "\" NumberOfTuples=\"" +
+             std::to_string(values.size()) + "\" format=\"ascii\">\n        ";
+  for (const std::string& value : values) {
+    for (const char c : one_line(value)) {
+      append_number(fields_, std::int64_t{static_cast<unsigned char>(c)});
+      fields_ += ' ';
+    }
+    fields_ += "0 ";
+  }
+  fields_ += "\n      </Array>\n";
+}
+
+void VtkXml::add_field_integers(const std::string& name, const std::vector<std::int32_t>& values) {
+  fields_ += "      <DataArray type=\"Int32\" Name=\"" + escape_xml(name) + "\" NumberOfTuples=\"" +
+             std::to_string(values.size()) + "\" format=\"ascii\">\n        ";
+  for (const std::int32_t value : values) {
+    append_number(fields_, std::int64_t{value});
+    fields_ += ' ';
+  }
+  fields_ += "\n      </DataArray>\n";
+}
+
+void VtkXml::add_space(Space space) {
+  add_field_strings("SPACE", {space_name(space)});
+}
+
+void VtkXml::add_label_fields(const LabelVolume& labels, Space space) {
+  add_space(space);
+  std::vector<std::int32_t> values;
+  std::vector<std::string> names;
+  for (std::size_t id = 1; id < labels.material_count(); ++id) {
+    values.push_back(labels.label_of[id]);
+    names.push_back(labels.name_of[id]);
+  }
+  add_field_integers("label_values", values);
+  add_field_strings("label_names", names);
+  add_field_integers("exterior_label", {exterior_label(labels)});
+}
+
+void VtkXml::begin_piece(const std::string& counts) {
+  piece_ += "    <Piece " + counts + ">\n";
+}
+
+void VtkXml::begin_section(const std::string& name, const std::string& attributes) {
+  section_ = name;
+  piece_ += "      <" + name + attributes + ">\n";
+}
+
+void VtkXml::end_section() {
+  piece_ += "      </" + section_ + ">\n";
+}
+
+void VtkXml::add_array(const std::string& type,
+                       const std::string& name,
+                       std::size_t components,
+                       std::size_t count,
+                       Writer write) {
+  piece_ += "        <DataArray type=\"" + type + "\" Name=\"" + escape_xml(name) + "\"";
+  if (components > 1) piece_ += " NumberOfComponents=\"" + std::to_string(components) + "\"";
+  piece_ += " format=\"appended\" offset=\"" + std::to_string(offset_) + "\"/>\n";
+  const std::uint64_t bytes = std::uint64_t{count} * components * bytes_of(type);
+  blocks_.push_back({bytes, std::move(write)});
+  offset_ += sizeof(std::uint64_t) + bytes;
+}
+
+void VtkXml::add_int32(const std::string& name,
+                       std::size_t count,
+                       const std::function<std::int32_t(std::size_t)>& at) {
+  add_array("Int32", name, 1, count, produced<std::int32_t>(count, at));
+}
+
+void VtkXml::add_int64(const std::string& name,
+                       std::size_t count,
+                       const std::function<std::int64_t(std::size_t)>& at) {
+  add_array("Int64", name, 1, count, produced<std::int64_t>(count, at));
+}
+
+void VtkXml::add_points(std::span<const Vec3> points,
+                        const std::function<Vec3(const Vec3&)>& place) {
+  using Triple = std::array<double, 3>;
+  const std::function<Triple(std::size_t)> at = [points, place](std::size_t i) {
+    const Vec3 p = place(points[i]);
+    return Triple{p.x, p.y, p.z};
+  };
+  begin_section("Points");
+  add_array("Float64", "Points", 3, points.size(), produced<Triple>(points.size(), at));
+  end_section();
+}
+
+void VtkXml::write(const std::filesystem::path& path) {
+  AtomicFile file(path);
+  file.write("<?xml version=\"1.0\"?>\n<VTKFile type=\"" + type_ +
+             "\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n  <" + type_ +
+             ">\n    <FieldData>\n" + fields_ + "    </FieldData>\n" + piece_ +
+             "    </Piece>\n  </" + type_ + ">\n  <AppendedData encoding=\"raw\">\n   _");
+  for (const Block& block : blocks_) {
+    file.write_values(std::span<const std::uint64_t>(&block.bytes, 1));
+    block.write(file);
+  }
+  file.write("\n  </AppendedData>\n</VTKFile>\n");
+  file.commit();
+}
+
+}  // namespace cvmesh::detail

@@ -1,0 +1,247 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/params/parameter_table.h"
+
+static_assert(sizeof(std::size_t) == sizeof(std::uint64_t), "the seed is read as a size_t");
+
+namespace cvmesh {
+
+namespace {
+
+/// A field of `Parameters` as the function that finds it.
+#define CVMESH_FIELD(member) [](Parameters& p) -> ParameterField { return &p.member; }
+#define CVMESH_LABEL_FIELD(member) [](LabelParameters& p) -> ParameterField { return &p.member; }
+
+/// Names of the enumerators, in their order.
+constexpr std::string_view kSeedings[] = {"poisson", "dense"};
+constexpr std::string_view kOnDegenerate[] = {"keep", "fail"};
+
+/// Integers up to here survive every JSON reader (2^53).
+constexpr double kLargestInteger = 9007199254740992.0;
+/// No voxel-based length of a sensible run is larger; beyond it a unit was mistaken.
+constexpr double kMostVoxels = 1000;
+/// Edges between a nanometre and a kilometre.
+constexpr double kMostMm = 1e6;
+
+}  // namespace
+
+const std::vector<ParameterInfo<Parameters>>& parameter_table() {
+  static const std::vector<ParameterInfo<Parameters>> table = {
+      {.key = "r",
+       .unit = "voxels",
+       .doc = "Smallest radius of curvature that the smoothed boundaries keep; one voxel is the "
+              "smallest spacing. 0 leaves the boundaries unsmoothed.",
+       .field = CVMESH_FIELD(tighten.r_vox),
+       .min = 0,
+       .max = 20},
+      {.key = "epsilon",
+       .unit = "edge length / local feature size",
+       .doc = "How sparse the mesh is: the surface edges are epsilon times the local feature size. "
+              "Larger is coarser and faster. Excludes target_vertices.",
+       .field = CVMESH_FIELD(sizing.epsilon),
+       .min = 0,
+       .max = 1000,
+       .min_is_exclusive = true,
+       .is_optional = true},
+      {.key = "delta",
+       .unit = "mm / mm",
+       .doc = "Gradation: the largest slope of the edge length along the surface and into the "
+              "volume. Smaller is more uniform, with more vertices.",
+       .field = CVMESH_FIELD(sizing.delta),
+       .min = 0.01,
+       .max = 10},
+      {.key = "seed",
+       .doc = "Seed of all random numbers; equal input, parameters and seed give equal bytes.",
+       .field = CVMESH_FIELD(seed),
+       .min = 0,
+       .max = kLargestInteger},
+      {.key = "target_vertices",
+       .unit = "surface vertices",
+       .doc = "Wanted number of surface vertices; cvmesh finds the epsilon that gives it within "
+              "2 %. Excludes epsilon. Costs some repetitions of the particle stages.",
+       .field = CVMESH_FIELD(target_vertices),
+       .min = 12,
+       .max = 1e9,
+       .is_optional = true},
+      {.key = "min_island_voxels",
+       .unit = "voxels",
+       .doc = "Components of a label that are smaller go to the neighbouring label; 1 keeps all.",
+       .field = CVMESH_FIELD(clean_labels.min_island_voxels),
+       .min = 1,
+       .max = kLargestInteger},
+      {.key = "mesh_background",
+       .doc = "Mesh label 0 like any other label.",
+       .field = CVMESH_FIELD(clean_labels.mesh_background)},
+      {.key = "drop_labels",
+       .doc = "Labels that become background before anything else happens.",
+       .field = CVMESH_FIELD(clean_labels.drop_labels)},
+      {.key = "labels",
+       .doc = "Names and sizes of single labels, by label value: {\"2\": {\"name\": \"cortical\", "
+              "\"epsilon\": 0.5}}.",
+       .field = CVMESH_FIELD(labels)},
+      {.key = "min_edge_mm",
+       .unit = "mm",
+       .doc = "Lower bound of the surface edge length; null for none.",
+       .field = CVMESH_FIELD(sizing.min_edge_mm),
+       .min = 0,
+       .max = kMostMm,
+       .min_is_exclusive = true,
+       .is_optional = true},
+      {.key = "max_edge_mm",
+       .unit = "mm",
+       .doc = "Upper bound of the surface edge length; null for none.",
+       .field = CVMESH_FIELD(sizing.max_edge_mm),
+       .min = 0,
+       .max = kMostMm,
+       .min_is_exclusive = true,
+       .is_optional = true},
+      {.key = "min_feature_vox",
+       .unit = "voxels",
+       .doc = "Floor of the local feature size: what is smaller counts as noise of the image.",
+       .field = CVMESH_FIELD(sizing.min_feature_vox),
+       .min = 0.05,
+       .max = kMostVoxels},
+      {.key = "smoothing_sweeps",
+       .doc = "Upper bound of the smoothing sweeps over the level sets; time is linear in it.",
+       .field = CVMESH_FIELD(tighten.smoothing_sweeps),
+       .min = 0,
+       .max = 10000},
+      {.key = "smoothing_margin",
+       .unit = "level-set value",
+       .doc = "Least magnitude of a level set at a voxel centre: keeps every voxel on its side.",
+       .field = CVMESH_FIELD(tighten.margin),
+       .min = 0.001,
+       .max = 0.5},
+      {.key = "tighten_iterations",
+       .doc = "Upper bound of the curvature flow's iterations, for r of one voxel and more.",
+       .field = CVMESH_FIELD(tighten.max_iterations),
+       .min = 0,
+       .max = 100000},
+      {.key = "min_chord_vox",
+       .unit = "voxels",
+       .doc = "Medial axis: pairs of boundary sites closer than this are noise.",
+       .field = CVMESH_FIELD(medial_axis.min_chord_vox),
+       .min = 0,
+       .max = kMostVoxels},
+      {.key = "min_chord_ratio",
+       .doc = "Medial axis: linear pruning, chord over the sum of the two site distances.",
+       .field = CVMESH_FIELD(medial_axis.min_chord_ratio),
+       .min = 0,
+       .max = 2},
+      {.key = "min_opposed_chord_vox",
+       .unit = "voxels",
+       .doc = "Medial axis: the shortest chord between opposed walls that counts as a thin part.",
+       .field = CVMESH_FIELD(medial_axis.min_opposed_chord_vox),
+       .min = 0,
+       .max = kMostVoxels},
+      {.key = "seeding",
+       .doc =
+           "How the particles start: \"poisson\" by Poisson-disk sampling with the sizing field, "
+           "\"dense\" uniformly and densely, as in the paper (much slower).",
+       .field = CVMESH_FIELD(seed_particles.seeding),
+       .choices = kSeedings},
+      {.key = "min_component_particles",
+       .unit = "vertices",
+       .doc = "Fewest surface vertices on each closed component of an interface.",
+       .field = CVMESH_FIELD(seed_particles.min_component_particles),
+       .min = 4,
+       .max = 10000},
+      {.key = "particle_sweeps",
+       .doc = "Upper bound of the particle optimisation's sweeps; time is linear in it.",
+       .field = CVMESH_FIELD(distribute_particles.max_sweeps),
+       .min = 0,
+       .max = 10000},
+      {.key = "deviation_vox",
+       .unit = "voxels",
+       .doc = "Distance between the sparse and the dense surface below which decimation and flips "
+              "look at the shape of the triangles only.",
+       .field = CVMESH_FIELD(decimate.deviation_vox),
+       .min = 0,
+       .max = kMostVoxels,
+       .min_is_exclusive = true},
+      {.key = "on_degenerate",
+       .doc = "A vertex that cannot be removed stays and is reported (\"keep\"), or stops the run "
+              "(\"fail\").",
+       .field = CVMESH_FIELD(decimate.on_degenerate),
+       .choices = kOnDegenerate},
+      {.key = "flip_passes",
+       .doc = "Upper bound of the passes of edge flips; 0 turns them off.",
+       .field = CVMESH_FIELD(flip_edges.max_passes),
+       .min = 0,
+       .max = 10000},
+      {.key = "tet_radius_edge_ratio",
+       .doc =
+           "TetGen's bound on circumradius over shortest edge of a tet; smaller is better shaped, "
+           "with more tets.",
+       .field = CVMESH_FIELD(tetrahedralize.radius_edge_ratio),
+       .min = 1,
+       .max = 100},
+      {.key = "tet_min_dihedral_deg",
+       .unit = "degrees",
+       .doc = "TetGen's bound on the dihedral angles; 0 turns it off.",
+       .field = CVMESH_FIELD(tetrahedralize.min_dihedral_deg),
+       .min = 0,
+       .max = 30},
+      {.key = "interior_growth",
+       .unit = "edge length / sizing field",
+       .doc = "Interior edges over the sizing field; 0 leaves the interior size to TetGen.",
+       .field = CVMESH_FIELD(tetrahedralize.interior_growth),
+       .min = 0,
+       .max = 1000},
+      {.key = "tet_improvement_passes",
+       .doc = "Upper bound of the passes that improve the interior tets; 0 turns them off.",
+       .field = CVMESH_FIELD(tetrahedralize.improvement_passes),
+       .min = 0,
+       .max = 1000},
+      {.key = "tetgen_time_limit_s",
+       .unit = "s",
+       .doc = "Time limit of one TetGen run.",
+       .field = CVMESH_FIELD(tetrahedralize.time_limit_s),
+       .min = 0,
+       .max = 1e7,
+       .min_is_exclusive = true},
+      {.key = "tetgen_memory_limit_mb",
+       .unit = "MiB",
+       .doc = "Memory limit of the TetGen process; 0 for none.",
+       .field = CVMESH_FIELD(tetrahedralize.memory_limit_mb),
+       .min = 0,
+       .max = 1e9},
+  };
+  return table;
+}
+
+const std::vector<ParameterInfo<LabelParameters>>& label_parameter_table() {
+  static const std::vector<ParameterInfo<LabelParameters>> table = {
+      {.key = "name",
+       .doc = "Name of the label in files and reports.",
+       .field = CVMESH_LABEL_FIELD(name),
+       .is_optional = true},
+      {.key = "epsilon",
+       .unit = "edge length / local feature size",
+       .doc = "As the global key, on the boundary of this label; where labels meet the smaller "
+              "size rules.",
+       .field = CVMESH_LABEL_FIELD(epsilon),
+       .min = 0,
+       .max = 1000,
+       .min_is_exclusive = true,
+       .is_optional = true},
+      {.key = "min_edge_mm",
+       .unit = "mm",
+       .doc = "As the global key, on the boundary of this label.",
+       .field = CVMESH_LABEL_FIELD(min_edge_mm),
+       .min = 0,
+       .max = kMostMm,
+       .min_is_exclusive = true,
+       .is_optional = true},
+      {.key = "max_edge_mm",
+       .unit = "mm",
+       .doc = "As the global key, on the boundary of this label.",
+       .field = CVMESH_LABEL_FIELD(max_edge_mm),
+       .min = 0,
+       .max = kMostMm,
+       .min_is_exclusive = true,
+       .is_optional = true},
+  };
+  return table;
+}
+
+}  // namespace cvmesh

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/core/label.h"
+#include "cvmesh/labels/clean_labels.h"
+#include "cvmesh/levelset/tighten.h"
+#include "cvmesh/medial/extract_medial_axis.h"
+#include "cvmesh/particles/distribute_particles.h"
+#include "cvmesh/sizing/compute_sizing_field.h"
+#include "cvmesh/surface/decimate.h"
+#include "cvmesh/surface/flip_edges.h"
+#include "cvmesh/tet/tetrahedralize.h"
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+
+namespace cvmesh {
+
+/// What a parameter file may say about one label, under "labels": {"<value>": {...}}.
+struct LabelParameters {
+  std::optional<std::string> name;
+  std::optional<double> epsilon, min_edge_mm, max_edge_mm;
+};
+
+/// Everything that decides a mesh besides the label volume: the options of all stages, whose
+/// defaults are the defaults of the parameter file. The JSON keys are listed in
+/// `parameter_table()`; labels are the user's values here, material ids only inside a run.
+struct Parameters {
+  std::uint64_t seed = 1;
+  /// Surface vertices wanted; cvmesh then finds the epsilon, and `sizing.epsilon` is not used.
+  std::optional<std::size_t> target_vertices;
+  std::map<Label, LabelParameters> labels;
+
+  CleanLabelsOptions clean_labels;
+  TightenOptions tighten;
+  MedialAxisOptions medial_axis;
+  SizingOptions sizing;
+  SeedParticlesOptions seed_particles;
+  DistributeParticlesOptions distribute_particles;
+  DecimateOptions decimate;
+  FlipEdgesOptions flip_edges;
+  TetrahedralizeOptions tetrahedralize;
+};
+
+}  // namespace cvmesh

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/params/parameters_schema.h"
+
+#include "cvmesh/params/parameter_table.h"
+#include "cvmesh/params/parse_parameters.h"
+
+#include <nlohmann/json.hpp>
+
+#include <cmath>
+#include <limits>
+#include <type_traits>
+
+namespace cvmesh {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+const char* type_name(const ParameterField& field) {
+  return std::visit(
+      [](auto* value) {
+        using Value = std::remove_pointer_t<decltype(value)>;
+        if constexpr (std::is_same_v<Value, bool>)
+          return "boolean";
+        else if constexpr (std::is_same_v<Value, int> || std::is_same_v<Value, std::size_t> ||
+                           std::is_same_v<Value, std::optional<std::size_t>>)
+          return "integer";
+        else if constexpr (std::is_same_v<Value, double> ||
+                           std::is_same_v<Value, std::optional<double>>)
+          return "number";
+        else if constexpr (std::is_enum_v<Value> ||
+                           std::is_same_v<Value, std::optional<std::string>>)
+          return "string";
+        else if constexpr (std::is_same_v<Value, std::vector<Label>>)
+          return "array";
+        else
+          return "object";
+      },
+      field);
+}
+
+/// Bounds as whole numbers where they are whole: 1e9 rather than 1000000000.0.
+Json bound(double value) {
+  return value == std::floor(value) && std::abs(value) < 1e16 ? Json(std::llround(value))
+                                                              : Json(value);
+}
+
+template <typename Owner>
+Json property(const ParameterInfo<Owner>& info) {
+  Owner defaults;
+  const std::string type = type_name(info.field(defaults));
+  Json schema;
+  schema["description"] = info.doc;
+  if (!info.unit.empty()) schema["unit"] = info.unit;
+  schema["type"] = info.is_optional ? Json{type, "null"} : Json(type);
+  if (std::isfinite(info.min))
+    schema[info.min_is_exclusive ? "exclusiveMinimum" : "minimum"] = bound(info.min);
+  if (std::isfinite(info.max)) schema["maximum"] = bound(info.max);
+  if (!info.choices.empty()) schema["enum"] = info.choices;
+  if (type == "string" && info.choices.empty()) schema["minLength"] = 1;
+  return schema;
+}
+
+Json label_entry() {
+  Json properties;
+  for (const ParameterInfo<LabelParameters>& info : label_parameter_table())
+    properties[std::string(info.key)] = property(info);
+  properties["comment"] = {{"description", "Ignored."}};
+  return {{"type", "object"}, {"properties", properties}, {"additionalProperties", false}};
+}
+
+}  // namespace
+
+Json parameters_schema() {
+  const Json defaults = parameters_to_json(Parameters{});
+  Json properties;
+  for (const ParameterInfo<Parameters>& info : parameter_table()) {
+    const std::string key(info.key);
+    properties[key] = property(info);
+    properties[key]["default"] = defaults[key];
+  }
+  properties["drop_labels"]["items"] = {{"type", "integer"},
+                                        {"minimum", std::numeric_limits<Label>::min()},
+                                        {"maximum", std::numeric_limits<Label>::max()}};
+  properties["labels"]["patternProperties"] = {{"^-?[0-9]+$", label_entry()}};
+  properties["labels"]["properties"] = {{"comment", {{"description", "Ignored."}}}};
+  properties["labels"]["additionalProperties"] = false;
+  properties["comment"] = {{"description", "Ignored; for notes of any type."}};
+
+  const Json both = {
+      {"required", {"epsilon", "target_vertices"}},
+      {"properties",
+       {{"epsilon", {{"type", "number"}}}, {"target_vertices", {{"type", "integer"}}}}}};
+  return {{"$schema", "https://json-schema.org/draft/2020-12/schema"},
+          {"$id", "urn:cvmesh:parameters"},
+          {"title", "Parameters of cvmesh"},
+          {"type", "object"},
+          {"properties", properties},
+          {"additionalProperties", false},
+          {"not", both}};
+}
+
+}  // namespace cvmesh

@@ -1,0 +1,364 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/params/parse_parameters.h"
+
+#include "cvmesh/core/error.h"
+#include "cvmesh/params/parameter_table.h"
+
+#include <nlohmann/json.hpp>
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <span>
+#include <type_traits>
+
+namespace cvmesh {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr char kCommentKey[] = "comment";
+
+[[noreturn]] void refuse(const std::string& source, const std::string& message) {
+  throw Error(ErrorCode::BadParameter, "parameters", source + ": " + message);
+}
+
+/// Levenshtein distance: insertions, deletions and replacements that turn one word into the other.
+std::size_t edit_distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = row[0];
+    row[0] = i;
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      const std::size_t replaced = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
+      diagonal = row[j];
+      row[j] = std::min({row[j] + 1, row[j - 1] + 1, replaced});
+    }
+  }
+  return row.back();
+}
+
+template <typename Owner>
+const ParameterInfo<Owner>& find_info(const std::vector<ParameterInfo<Owner>>& table,
+                                      const std::string& key,
+                                      const std::string& prefix,
+                                      const std::string& source) {
+  for (const ParameterInfo<Owner>& info : table)
+    if (info.key == key) return info;
+  const auto nearest =
+      std::min_element(table.begin(), table.end(), [&](const auto& a, const auto& b) {
+        return edit_distance(a.key, key) < edit_distance(b.key, key);
+      });
+  refuse(source, fmt::format("unknown key \"{}{}\"; did you mean \"{}{}\"? `cvmesh schema` lists "
+                             "all keys",
+                             prefix, key, prefix, nearest->key));
+}
+
+const char* type_word(const Json& value) {
+  switch (value.type()) {
+    case Json::value_t::null:
+      return "null";
+    case Json::value_t::boolean:
+      return "a boolean";
+    case Json::value_t::string:
+      return "a string";
+    case Json::value_t::array:
+      return "an array";
+    case Json::value_t::object:
+      return "an object";
+    default:
+      return "a number";
+  }
+}
+
+/// What a message needs to know about the value that is being read.
+struct Place {
+  std::string source, path;  ///< file name; "epsilon" or "labels.2.epsilon"
+  double min, max;
+  bool min_is_exclusive, is_optional;
+};
+
+[[noreturn]] void refuse_type(const Place& place, const Json& value, const std::string& wanted) {
+  refuse(place.source,
+         fmt::format("{} ({}) is {}; give {}{}", place.path, value.dump(), type_word(value), wanted,
+                     place.is_optional ? ", or null for \"not set\"" : ""));
+}
+
+void check_bounds(const Place& place, const Json& value, double number) {
+  const bool is_low = place.min_is_exclusive ? number <= place.min : number < place.min;
+  if (is_low)
+    refuse(place.source,
+           fmt::format("{} ({}) must be {} {}; raise it, or leave it out for the "
+                       "default",
+                       place.path, value.dump(),
+                       place.min_is_exclusive ? "greater than" : "at least", place.min));
+  if (number > place.max)
+    refuse(place.source,
+           fmt::format("{} ({}) must be at most {}; lower it, or leave it out for the default",
+                       place.path, value.dump(), place.max));
+}
+
+double read_number(const Place& place, const Json& value) {
+  if (!value.is_number()) refuse_type(place, value, "a number");
+  const double number = value.get<double>();
+  check_bounds(place, value, number);
+  return number;
+}
+
+/// Whole numbers may be written 1000, 1000.0 or 1e3.
+template <typename Integer>
+Integer read_integer(const Place& place, const Json& value) {
+  if (!value.is_number()) refuse_type(place, value, "a whole number");
+  const double number = value.get<double>();
+  if (number != std::floor(number))
+    refuse(place.source,
+           fmt::format("{} ({}) must be a whole number; round it", place.path, value.dump()));
+  check_bounds(place, value, number);
+  return value.is_number_integer() ? value.get<Integer>() : static_cast<Integer>(number);
+}
+
+template <typename Enum>
+Enum read_choice(const Place& place, const Json& value, std::span<const std::string_view> choices) {
+  std::string list;
+  for (const std::string_view choice : choices)
+    list += fmt::format("{}\"{}\"", list.empty() ? "" : " or ", choice);
+  if (!value.is_string()) refuse_type(place, value, list);
+  const auto found = std::find(choices.begin(), choices.end(), value.get<std::string>());
+  if (found == choices.end())
+    refuse(place.source, fmt::format("{} ({}) is not one of its values; give {}", place.path,
+                                     value.dump(), list));
+  return static_cast<Enum>(found - choices.begin());
+}
+
+Label read_label_value(const Place& place, const Json& value) {
+  Place bounds = place;
+  bounds.min = std::numeric_limits<Label>::min();
+  bounds.max = std::numeric_limits<Label>::max();
+  bounds.min_is_exclusive = false;
+  return read_integer<Label>(bounds, value);
+}
+
+std::vector<Label> read_label_list(const Place& place, const Json& value) {
+  if (!value.is_array()) refuse_type(place, value, "an array of label values, like [1, 2]");
+  std::vector<Label> labels;
+  for (const Json& item : value)
+    labels.push_back(read_label_value(place, item));
+  std::sort(labels.begin(), labels.end());
+  labels.erase(std::unique(labels.begin(), labels.end()), labels.end());
+  return labels;
+}
+
+std::map<Label, LabelParameters> read_label_table(const Place& place, const Json& value);
+
+/// Reads `value` into the field of `owner` that `info` describes.
+template <typename Owner>
+void read_parameter(const ParameterInfo<Owner>& info,
+                    const std::string& prefix,
+                    const Json& value,
+                    const std::string& source,
+                    Owner& owner) {
+  const Place place{source,   prefix + std::string(info.key), info.min,
+                    info.max, info.min_is_exclusive,          info.is_optional};
+  if (value.is_null() && info.is_optional) return;
+  std::visit(
+      [&](auto* field) {
+        using Value = std::remove_pointer_t<decltype(field)>;
+        if constexpr (std::is_same_v<Value, bool>) {
+          if (!value.is_boolean()) refuse_type(place, value, "true or false");
+          *field = value.get<bool>();
+        } else if constexpr (std::is_same_v<Value, int> || std::is_same_v<Value, std::size_t>) {
+          *field = read_integer<Value>(place, value);
+        } else if constexpr (std::is_same_v<Value, std::optional<std::size_t>>) {
+          *field = read_integer<std::size_t>(place, value);
+        } else if constexpr (std::is_same_v<Value, double> ||
+                             std::is_same_v<Value, std::optional<double>>) {
+          *field = read_number(place, value);
+        } else if constexpr (std::is_same_v<Value, std::optional<std::string>>) {
+          if (!value.is_string() || value.get<std::string>().empty())
+            refuse_type(place, value, "a non-empty string");
+          *field = value.get<std::string>();
+        } else if constexpr (std::is_enum_v<Value>) {
+          *field = read_choice<Value>(place, value, info.choices);
+        } else if constexpr (std::is_same_v<Value, std::vector<Label>>) {
+          *field = read_label_list(place, value);
+        } else {
+          *field = read_label_table(place, value);
+        }
+      },
+      info.field(owner));
+}
+
+/// The label that a key of "labels" names, as a JSON integer or null.
+Json label_of_key(const std::string& key) {
+  Label label = 0;
+  const auto [end, error] = std::from_chars(key.data(), key.data() + key.size(), label);
+  return error == std::errc() && end == key.data() + key.size() ? Json(label) : Json();
+}
+
+std::map<Label, LabelParameters> read_label_table(const Place& place, const Json& value) {
+  if (!value.is_object()) refuse_type(place, value, "an object keyed by label value");
+  std::map<Label, LabelParameters> labels;
+  for (const auto& [key, entry] : value.items()) {
+    if (key == kCommentKey) continue;
+    const Json label = label_of_key(key);
+    if (label.is_null())
+      refuse(place.source,
+             fmt::format("{} key \"{}\" is not a label value; use the whole number that the label "
+                         "has in the volume, like \"2\"",
+                         place.path, key));
+    const std::string prefix = fmt::format("{}.{}.", place.path, key);
+    if (!entry.is_object())
+      refuse_type({place.source, place.path + "." + key, 0, 0, false, false}, entry,
+                  "an object like {\"epsilon\": 0.5}");
+    LabelParameters parameters;
+    for (const auto& [name, item] : entry.items())
+      if (name != kCommentKey)
+        read_parameter(find_info(label_parameter_table(), name, prefix, place.source), prefix, item,
+                       place.source, parameters);
+    labels[label.get<Label>()] = parameters;
+  }
+  return labels;
+}
+
+bool is_set(const Json& object, const char* key) {
+  return object.contains(key) && !object[key].is_null();
+}
+
+void refuse_both_sizes(const Json& object, const std::string& source) {
+  if (is_set(object, "epsilon") && is_set(object, "target_vertices"))
+    refuse(source, fmt::format("epsilon ({}) and target_vertices ({}) exclude each other; set one "
+                               "of them to null",
+                               object["epsilon"].dump(), object["target_vertices"].dump()));
+}
+
+/// The settings "a=1", "labels.2.name=bone" as one JSON object.
+Json parse_settings(const std::vector<std::string>& settings, const std::string& source) {
+  Json object = Json::object();
+  for (const std::string& setting : settings) {
+    const std::size_t equals = setting.find('=');
+    if (equals == std::string::npos || equals == 0)
+      refuse(source, fmt::format("\"{}\" is not of the form key=value", setting));
+    const std::string path = setting.substr(0, equals), text = setting.substr(equals + 1);
+    Json value = Json::parse(text, nullptr, false);
+    if (value.is_discarded()) value = text;
+
+    const std::size_t first = path.find('.');
+    const std::size_t last = path.rfind('.');
+    if (first == std::string::npos) {
+      object[path] = value;
+    } else {
+      if (path.substr(0, first) != "labels" || first == last)
+        refuse(source,
+               fmt::format("\"{}\" names no key; nested keys are labels.<label>.<key>", path));
+      object["labels"][path.substr(first + 1, last - first - 1)][path.substr(last + 1)] = value;
+    }
+  }
+  return object;
+}
+
+/// `settings` over `file`: whole keys, except that entries of "labels" are merged key by key.
+Json merged(Json file, const Json& settings) {
+  if (is_set(settings, "epsilon")) file.erase("target_vertices");
+  if (is_set(settings, "target_vertices")) file.erase("epsilon");
+  for (const auto& [key, value] : settings.items()) {
+    if (key == "labels" && value.is_object() && file.contains(key) && file[key].is_object())
+      file[key].merge_patch(value);
+    else
+      file[key] = value;
+  }
+  return file;
+}
+
+void check_edge_bounds(const std::optional<double>& lowest,
+                       const std::optional<double>& highest,
+                       const std::string& prefix,
+                       const std::string& source) {
+  if (lowest && highest && *lowest > *highest)
+    refuse(source, fmt::format("{0}min_edge_mm ({1}) exceeds {0}max_edge_mm ({2}); lower "
+                               "{0}min_edge_mm",
+                               prefix, *lowest, *highest));
+}
+
+/// Checks that need more than one key, and what one key says to several stages.
+void finish(Parameters& parameters, const std::string& source) {
+  parameters.flip_edges.deviation_vox = parameters.decimate.deviation_vox;
+  const SizingOptions& sizing = parameters.sizing;
+  check_edge_bounds(sizing.min_edge_mm, sizing.max_edge_mm, "", source);
+  for (const auto& [label, own] : parameters.labels) {
+    const std::string prefix = fmt::format("labels.{}.", label);
+    check_edge_bounds(own.min_edge_mm ? own.min_edge_mm : sizing.min_edge_mm,
+                      own.max_edge_mm ? own.max_edge_mm : sizing.max_edge_mm, prefix, source);
+    if (own.name) parameters.clean_labels.names[label] = *own.name;
+  }
+}
+
+template <typename Owner>
+Json to_json_object(const std::vector<ParameterInfo<Owner>>& table, Owner owner);
+
+template <typename Owner>
+Json to_json_value(const ParameterInfo<Owner>& info, Owner& owner) {
+  return std::visit(
+      [&](auto* field) -> Json {
+        using Value = std::remove_pointer_t<decltype(field)>;
+        if constexpr (std::is_enum_v<Value>) {
+          return info.choices[static_cast<std::size_t>(*field)];
+        } else if constexpr (std::is_same_v<Value, std::map<Label, LabelParameters>>) {
+          Json labels = Json::object();
+          for (const auto& [label, own] : *field)
+            labels[std::to_string(label)] = to_json_object(label_parameter_table(), own);
+          return labels;
+        } else if constexpr (std::is_same_v<Value, std::optional<double>> ||
+                             std::is_same_v<Value, std::optional<std::size_t>> ||
+                             std::is_same_v<Value, std::optional<std::string>>) {
+          return *field ? Json(**field) : Json();
+        } else {
+          return *field;
+        }
+      },
+      info.field(owner));
+}
+
+template <typename Owner>
+Json to_json_object(const std::vector<ParameterInfo<Owner>>& table, Owner owner) {
+  Json object;
+  for (const ParameterInfo<Owner>& info : table)
+    object[std::string(info.key)] = to_json_value(info, owner);
+  return object;
+}
+
+}  // namespace
+
+Parameters parse_parameters(const Json& file,
+                            const std::string& source,
+                            const std::vector<std::string>& settings) {
+  if (!file.is_object())
+    refuse(source, fmt::format("holds {}; a parameter file is one JSON object, like "
+                               "{{\"epsilon\": 2}}",
+                               type_word(file)));
+  const std::string settings_source = "--set";
+  const Json overrides = parse_settings(settings, settings_source);
+  refuse_both_sizes(file, source);
+  refuse_both_sizes(overrides, settings_source);
+
+  Parameters parameters;
+  for (const auto& [key, value] : merged(file, overrides).items()) {
+    if (key == kCommentKey) continue;
+    const std::string& origin = overrides.contains(key) ? settings_source : source;
+    read_parameter(find_info(parameter_table(), key, "", origin), "", value, origin, parameters);
+  }
+  finish(parameters, source);
+  return parameters;
+}
+
+Json parameters_to_json(const Parameters& parameters) {
+  Json object = to_json_object(parameter_table(), parameters);
+  if (parameters.target_vertices) object["epsilon"] = nullptr;
+  return object;
+}
+
+}  // namespace cvmesh

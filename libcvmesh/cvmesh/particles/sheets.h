@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/particles/distribute_particles.h"
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+namespace cvmesh {
+
+/// One connected component of a patch: what its particles share.
+struct Sheet {
+  std::int32_t patch = -1;
+  bool is_closed = true;             ///< no curve bounds it
+  std::vector<std::int32_t> facets;  ///< of the dense mesh, ascending
+  std::vector<std::int32_t> inner_vertices;  ///< dense vertices of dimension 2, ascending
+  std::size_t vertex_count = 0;
+  double lattice_count = 0;          ///< (2 / sqrt 3) * integral of dA / h^2
+  /// Total geodesic curvature of the boundary over 2 pi: 1 for a flat disc, 0 for a hemisphere.
+  double boundary_turns = 0;
+};
+
+/// Where a point of the surface is, and what is known there.
+struct SurfacePoint {
+  Vec3 position;               ///< grid mm
+  Vec3 normal;                 ///< unit, of the dense surface, smoothed inside the sheet
+  double h_mm = 0;
+  std::int32_t facet = -1;     ///< the carrier
+  double curve_distance = 0;   ///< from the curve edges of the carrier; large when it has none
+  bool is_projected = false;   ///< on the zero set (or the wall plane), not just on the facet
+};
+
+/// The dense surface cut into sheets, with all that is needed to move points on it.
+///
+/// A point walks over neighbouring facets and never leaves its sheet; then it is projected onto
+/// the zero set of f_inside - f_outside [Meyer 2008]. A projection counts only within half a
+/// voxel of the facet, because the zero set goes on behind a junction curve and other interfaces
+/// of the same two materials may be near. On the border of the image the surface is a plane, and
+/// points keep to it exactly.
+class Sheets {
+ public:
+  explicit Sheets(const ParticleDomain& domain);
+
+  std::vector<Sheet> sheets;               ///< ordered by their smallest facet
+  std::vector<std::int32_t> sheet_of;      ///< per facet
+
+  [[nodiscard]] const ParticleDomain& domain() const { return domain_; }
+
+  [[nodiscard]] double voxel_mm() const { return voxel_mm_; }
+
+  /// The surface point that is reached from `facet` towards `p`.
+  [[nodiscard]] SurfacePoint move(std::int32_t facet, const Vec3& p) const;
+  /// The point of `facet` with the given barycentric weights, projected.
+  [[nodiscard]] SurfacePoint place(std::int32_t facet, const Vec3& weights) const;
+  /// What is known at a point that is on the surface already (not projected again).
+  [[nodiscard]] SurfacePoint describe(std::int32_t facet, const Vec3& p) const;
+
+  /// Sheets that touch dense vertex v, or edge (v, w), each with the mean of its facets' normals
+  /// there: what a corner or curve particle is to the particles of a sheet.
+  struct Touch {
+    std::int32_t sheet = -1;
+    Vec3 normal;
+  };
+  [[nodiscard]] std::vector<Touch> touching(std::int32_t v, std::int32_t w = -1) const;
+
+  [[nodiscard]] double facet_area(std::int32_t f) const;
+  [[nodiscard]] double facet_h(std::int32_t f) const;  ///< mean over its vertices
+
+ private:
+  struct OnFacet {
+    std::int32_t facet = -1;
+    Vec3 point;
+    double squared_distance = 0;
+  };
+
+  void link_facets();
+  void find_sheets();
+  void measure_sheets();
+  [[nodiscard]] OnFacet nearest_in(std::int32_t facet, const Vec3& p) const;
+  [[nodiscard]] OnFacet walk(std::int32_t facet, const Vec3& p) const;
+  [[nodiscard]] bool project(const PatchKey& patch, Vec3& p) const;
+  [[nodiscard]] SurfacePoint settle(const OnFacet& start) const;
+  void describe_at(const OnFacet& at, SurfacePoint& point) const;
+
+  ParticleDomain domain_;
+  double voxel_mm_ = 1;
+  VertexStars stars_;
+  std::vector<std::array<std::int32_t, 3>> across_;  // neighbour over edge (k, k + 1), or -1
+  std::vector<Vec3> facet_normal_, vertex_normal_;
+};
+
+/// A corner or curve particle as the particles of one sheet see it.
+struct RimParticle {
+  std::int32_t particle = -1;  ///< index into the corner and curve particles
+  Vec3 normal;                 ///< of this sheet, there
+};
+/// Corner and curve particles around each sheet, in the order of the particles.
+std::vector<std::vector<RimParticle>> find_rims(const Sheets& sheets,
+                                                const std::vector<Particle>& corners_and_curves);
+
+/// Particles that the inside of a sheet holds at the spacing of the sizing field. By Euler's
+/// formula F = 2 n + rim - 2 chi triangles of area sqrt 3 h^2 / 4 fill the sheet; chi enters
+/// through Gauss-Bonnet, so that the count for a closed sheet is (2 / sqrt 3) * integral dA / h^2.
+double natural_count(const Sheet& sheet, std::size_t rim_size);
+
+/// Solves differences[k] = 0 near `p` by Gauss-Newton steps of least length, as Meyer's projection
+/// but of second order: p moves by -J^T (J J^T)^-1 g. `is_fixed` coordinates do not change.
+/// @return true when `p` is within 1e-4 voxel of the solution and `max_move_mm` of its start
+bool project_onto_zero(const LevelSets& level_sets,
+                       const std::vector<Sides>& differences,
+                       const std::array<bool, 3>& is_fixed,
+                       double max_move_mm,
+                       Vec3& p);
+
+}  // namespace cvmesh

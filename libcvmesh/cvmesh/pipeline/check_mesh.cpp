@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/pipeline/check_mesh.h"
+
+#include "cvmesh/core/error.h"
+#include "cvmesh/pipeline/stage_names.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <numeric>
+
+namespace cvmesh {
+
+namespace {
+
+/// Number of solid parts of each material: closed boundary components with a positive volume
+/// inside. The others are the walls of cavities.
+std::vector<std::size_t> count_solids(const InterfaceMesh& mesh, std::size_t material_count) {
+  std::vector<std::vector<std::int32_t>> facets_of(material_count);
+  for (std::size_t f = 0; f < mesh.facets.size(); ++f) {
+    facets_of[mesh.patch_of[f].sides.inside].push_back(static_cast<std::int32_t>(f));
+    facets_of[mesh.patch_of[f].sides.outside].push_back(static_cast<std::int32_t>(f));
+  }
+  std::vector<std::size_t> solids(material_count, 0);
+  std::vector<std::int32_t> parent(mesh.points.size());
+  const auto find = [&](std::int32_t v) {
+    while (parent[v] != v)
+      v = parent[v] = parent[parent[v]];
+    return v;
+  };
+  std::vector<double> volume(mesh.points.size());
+  for (std::size_t m = 1; m < material_count; ++m) {
+    std::iota(parent.begin(), parent.end(), 0);
+    std::fill(volume.begin(), volume.end(), 0.0);
+    for (const std::int32_t f : facets_of[m])
+      for (int k = 1; k < 3; ++k)
+        parent[find(mesh.facets[f][k])] = find(mesh.facets[f][0]);
+    for (const std::int32_t f : facets_of[m]) {
+      const auto& [a, b, c] = mesh.facets[f];
+      // Relative to a vertex of the component, so that large coordinates cost no digits.
+      const std::int32_t root = find(a);
+      const double part =
+          volume6(mesh.points[root], mesh.points[a], mesh.points[b], mesh.points[c]);
+      volume[root] += mesh.patch_of[f].sides.inside == m ? part : -part;
+    }
+    for (const double v : volume)
+      solids[m] += v > 0 ? 1 : 0;
+  }
+  return solids;
+}
+
+[[noreturn]] void fail(const std::string& message) {
+  throw Error(ErrorCode::StageFailed, stage_names::kMetrics, message);
+}
+
+void check_material(const std::string& label, const MaterialTopology& t) {
+  for (const bool is_mesh : {false, true}) {
+    const char* where = is_mesh ? "mesh" : "dense surface";
+    const BoundaryTopology& boundary = is_mesh ? t.mesh : t.dense;
+    const std::size_t components = is_mesh ? t.mesh_components : t.dense_components;
+    if (boundary.components == 0)
+      fail(fmt::format("{} is lost in the {}; lower r, or drop the label by drop_labels", label,
+                       where));
+    if (components != t.voxels.components)
+      fail(
+          fmt::format("{} has {} components in its voxels, but {} in the {}; lower r, or raise "
+                      "min_island_voxels to remove small components",
+                      label, t.voxels.components, components, where));
+    if (!boundary.is_closed_manifold)
+      fail(fmt::format("the boundary of {} is no closed manifold in the {}; lower epsilon or r",
+                       label, where));
+    if (boundary.euler != 2 * t.voxels.euler)
+      fail(
+          fmt::format("{} has Euler characteristic {} in its voxels, but {} in the {}; lower "
+                      "epsilon or r",
+                      label, t.voxels.euler, boundary.euler / 2.0, where));
+  }
+}
+
+}  // namespace
+
+std::vector<MaterialTopology> measure_topology(const LabelVolume& labels,
+                                               const InterfaceMesh& dense,
+                                               const InterfaceMesh& surface) {
+  const std::size_t count = labels.material_count();
+  const std::vector<LatticeTopology> voxels = lattice_topology(labels.ids, count);
+  const std::vector<BoundaryTopology> dense_boundary = boundary_topology(dense, count);
+  const std::vector<BoundaryTopology> mesh_boundary = boundary_topology(surface, count);
+  const std::vector<std::size_t> dense_solids = count_solids(dense, count);
+  const std::vector<std::size_t> mesh_solids = count_solids(surface, count);
+  std::vector<MaterialTopology> topology(count);
+  for (std::size_t m = 1; m < count; ++m)
+    topology[m] = {voxels[m], dense_boundary[m], mesh_boundary[m], dense_solids[m], mesh_solids[m]};
+  return topology;
+}
+
+Checks check_mesh(const LabelVolume& labels,
+                  const std::vector<MaterialTopology>& topology,
+                  const InterfaceMesh& surface,
+                  const TetMesh* tets) {
+  Checks checks;
+  for (std::size_t m = 1; m < labels.material_count(); ++m)
+    check_material(fmt::format("label {} ({})", labels.label_of[m], labels.name_of[m]),
+                   topology[m]);
+  checks.labels_are_complete = checks.topology_as_lattice14 = true;
+
+  const Validation surface_state = validate(surface, labels.material_count());
+  if (!surface_state.is_valid()) fail("the surface is not valid: " + surface_state.summary());
+  checks.surface_is_valid = true;
+  checks.surface_intersections = find_intersections(surface).size();
+  if (checks.surface_intersections > 0)
+    fail(fmt::format("{} pairs of surface facets intersect; lower epsilon",
+                     checks.surface_intersections));
+  if (tets != nullptr) {
+    const Validation tet_state = validate(*tets, labels.material_count());
+    if (!tet_state.is_valid()) fail("the tets are not valid: " + tet_state.summary());
+    checks.tets_are_valid = true;
+  }
+  return checks;
+}
+
+}  // namespace cvmesh

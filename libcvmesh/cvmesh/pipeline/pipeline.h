@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/core/context.h"
+#include "cvmesh/grid/grid_frame.h"
+#include "cvmesh/params/parameters.h"
+#include "cvmesh/report/report.h"
+
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+namespace cvmesh {
+
+struct RunRequest {
+  std::filesystem::path input;    ///< label volume: .nii, .nii.gz, .mha, .mhd, .nrrd
+  std::filesystem::path out_dir;  ///< made with its parents where it does not exist
+  Parameters parameters;
+  std::optional<Space> space;  ///< of the written coordinates; default: the input's own
+  bool keep_stages = false;    ///< each stage's result to out_dir/stages/
+  bool surface_only = false;   ///< stop before the tets
+};
+
+struct RunResult {
+  Report report;
+  std::vector<std::filesystem::path> files;  ///< that were written, the metrics file last
+};
+
+/// One run from label volume to mesh and report.
+///
+/// With NAME the input's file name without its suffix, writes NAME.vtu, NAME.mesh,
+/// NAME.surface.vtp and, last, NAME.metrics.json; files of an earlier run of that NAME are removed
+/// when the run starts, and a failed run leaves nothing but NAME.failed.json. The seed of the run
+/// is that of the parameters, whatever `context` says.
+///
+/// @throws Error with the codes of README, "Exit codes"; Output before any long work when
+///         `out_dir` cannot be written
+RunResult run_pipeline(const RunRequest& request, const StageContext& context);
+
+}  // namespace cvmesh

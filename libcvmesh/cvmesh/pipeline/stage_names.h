@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+/// The stages of Algorithm 7.3.1 as logs, reports and progress bars call them, in order.
+namespace cvmesh::stage_names {
+
+inline constexpr char kRead[] = "read";
+inline constexpr char kLabels[] = "labels";
+
+inline constexpr char kLevelSets[] = "level sets";
+inline constexpr char kTightening[] = "tightening";
+inline constexpr char kDenseSurfaces[] = "dense surfaces";
+inline constexpr char kMedialAxis[] = "medial axis";
+inline constexpr char kSizingField[] = "sizing field";
+inline constexpr char kSeedParticles[] = "seed particles";
+inline constexpr char kParticles[] = "particle optimisation";
+inline constexpr char kInsertion[] = "insertion";
+inline constexpr char kDecimation[] = "decimation";
+inline constexpr char kEdgeFlipping[] = "edge flipping";
+inline constexpr char kTetrahedra[] = "tetrahedra";
+inline constexpr char kMetrics[] = "metrics";
+inline constexpr char kWrite[] = "write";
+
+}  // namespace cvmesh::stage_names

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/grid/grid_frame.h"
+#include "cvmesh/interfaces/extract_interfaces.h"
+#include "cvmesh/labels/clean_labels.h"
+#include "cvmesh/labels/lattice_topology.h"
+#include "cvmesh/levelset/build_level_sets.h"
+#include "cvmesh/levelset/tighten.h"
+#include "cvmesh/medial/extract_medial_axis.h"
+#include "cvmesh/mesh/validate.h"
+#include "cvmesh/metrics/mesh_counts.h"
+#include "cvmesh/metrics/surface_fidelity.h"
+#include "cvmesh/metrics/tet_quality.h"
+#include "cvmesh/metrics/volume_error.h"
+#include "cvmesh/params/parameters.h"
+#include "cvmesh/particles/distribute_particles.h"
+#include "cvmesh/report/particle_counts.h"
+#include "cvmesh/sizing/compute_sizing_field.h"
+#include "cvmesh/surface/decimate.h"
+#include "cvmesh/surface/flip_edges.h"
+#include "cvmesh/surface/insert_particles.h"
+#include "cvmesh/tet/tetrahedralize.h"
+
+#include <array>
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace cvmesh {
+
+/// What the run started from.
+struct InputSummary {
+  std::string file;  ///< name without folders
+  std::array<int, 3> dims{0, 0, 0};
+  Vec3 spacing_mm;
+  Space space = Space::Unknown;         ///< of the file
+  Space output_space = Space::Unknown;  ///< of the coordinates that were written
+  std::vector<Label> labels;            ///< all values in the file, ascending
+};
+
+/// Size of a multi-material surface.
+struct SurfaceSummary {
+  std::size_t vertices = 0, facets = 0, patches = 0, curves = 0, corners = 0;
+};
+
+/// How the epsilon of `target_vertices` was found.
+struct EpsilonSearch {
+  std::size_t target_vertices = 0, particles = 0;
+  double epsilon = 0;
+  int rounds = 0;  ///< times that particles were seeded and distributed
+};
+
+/// The stats of every stage that has run; the others are empty.
+struct StageResults {
+  std::optional<CleanLabelsStats> labels;
+  std::optional<BuildLevelSetsStats> level_sets;
+  std::optional<TightenStats> tightening;
+  std::optional<SurfaceSummary> dense_surfaces;
+  std::optional<MedialAxisStats> medial_axis;
+  std::optional<SizingStats> sizing_field;
+  std::optional<EpsilonSearch> epsilon_search;
+  std::optional<SeedParticlesStats> seed_particles;
+  std::optional<DistributeParticlesStats> particles;
+  std::optional<InsertParticlesStats> insertion;
+  std::optional<DecimateStats> decimation;
+  std::optional<FlipEdgesStats> edge_flipping;
+  std::optional<TetrahedralizeStats> tetrahedra;
+};
+
+/// Topology of one material from voxels to mesh. For a solid, the Euler characteristic of the
+/// boundary is twice that of the voxels, and each component has one outer boundary.
+struct MaterialTopology {
+  LatticeTopology voxels;
+  BoundaryTopology dense, mesh;
+  std::size_t dense_components = 0, mesh_components = 0;  ///< of the solid: outer boundaries
+};
+
+/// What was verified on the finished mesh; a run that fails one of these ends with an error.
+struct Checks {
+  bool surface_is_valid = false;  ///< closed manifold per material, no degenerate facet
+  std::size_t surface_intersections = 0;
+  bool labels_are_complete = false;    ///< every label and component of the voxels is there
+  bool topology_as_lattice14 = false;  ///< Euler characteristics are those of the voxels
+  std::optional<bool> tets_are_valid;  ///< empty when only surfaces were asked for
+};
+
+/// Time and memory of one stage, summed over its repetitions.
+struct StageTiming {
+  std::string stage;
+  double seconds = 0;
+  double peak_mb = 0;  ///< largest resident memory while the stage ran
+};
+
+/// Everything that a run reports. Per-material vectors are indexed by material id; `[0]` is the
+/// exterior. Timings stand apart from results: equal runs give equal results.
+struct Report {
+  std::string version;
+  InputSummary input;
+  Parameters parameters;
+
+  std::vector<Label> label_of;       ///< material id -> label; [0]: what files call the exterior
+  std::vector<std::string> name_of;  ///< material id -> name
+  StageResults stages;
+  std::optional<ParticleCounts> particle_counts;
+  std::optional<MeshCounts> mesh;
+  std::optional<MeshQuality> quality;
+  std::optional<SurfaceFidelity> distances;
+  std::vector<VolumeError> volumes;
+  std::vector<MaterialTopology> topology;
+  std::optional<Checks> checks;
+
+  std::vector<StageTiming> timings;  ///< in order of first run
+  double total_seconds = 0;
+  double peak_mb = 0;
+  int threads = 0;
+};
+
+}  // namespace cvmesh

@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/report/report_json.h"
+
+#include "cvmesh/params/parse_parameters.h"
+#include "cvmesh/report/stats_json.h"
+
+#include <nlohmann/json.hpp>
+
+namespace cvmesh {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json header(const Report& report, const char* status) {
+  return {{"cvmesh", report.version}, {"schema_version", kReportSchemaVersion}, {"status", status}};
+}
+
+Json input_json(const InputSummary& input) {
+  return {{"file", input.file},
+          {"dims", input.dims},
+          {"spacing_mm", {input.spacing_mm.x, input.spacing_mm.y, input.spacing_mm.z}},
+          {"space", space_name(input.space)},
+          {"output_space", space_name(input.output_space)},
+          {"labels", input.labels}};
+}
+
+template <typename T>
+void add(Json& object, const char* key, const std::optional<T>& value) {
+  if (value) object[key] = *value;
+}
+
+Json topology_json(const MaterialTopology& t) {
+  return {{"voxels", {{"components", t.voxels.components}, {"euler", t.voxels.euler}}},
+          {"dense",
+           {{"components", t.dense_components},
+            {"boundary_components", t.dense.components},
+            {"boundary_euler", t.dense.euler},
+            {"is_closed_manifold", t.dense.is_closed_manifold}}},
+          {"mesh",
+           {{"components", t.mesh_components},
+            {"boundary_components", t.mesh.components},
+            {"boundary_euler", t.mesh.euler},
+            {"is_closed_manifold", t.mesh.is_closed_manifold}}}};
+}
+
+/// Entry `m` of a per-material vector, where there is one.
+template <typename T>
+void add_entry(Json& object, const char* key, const std::vector<T>& values, std::size_t m) {
+  if (m < values.size()) object[key] = values[m];
+}
+
+/// What is known of material m besides its accounting.
+void add_material(const Report& report, std::size_t m, Json& entry) {
+  add_entry(entry, "volume", report.volumes, m);
+  if (m < report.topology.size()) entry["topology"] = topology_json(report.topology[m]);
+  if (report.particle_counts) add_entry(entry, "particles", report.particle_counts->of_material, m);
+  if (report.mesh) {
+    add_entry(entry, "tets", report.mesh->tets_of, m);
+    add_entry(entry, "surface_triangles", report.mesh->triangles_of, m);
+  }
+  if (report.distances) {
+    Json distances;
+    add_entry(distances, "to_dense", report.distances->to_dense.of_material, m);
+    add_entry(distances, "to_labels", report.distances->to_labels.of_material, m);
+    entry["distances"] = distances;
+  }
+  if (report.quality) {
+    Json quality;
+    add_entry(quality, "triangles", report.quality->triangles_of, m);
+    add_entry(quality, "tets", report.quality->tets_of, m);
+    entry["quality"] = quality;
+  }
+}
+
+/// One entry per label of the input that was to be meshed or dropped.
+Json labels_json(const Report& report) {
+  Json labels = Json::array();
+  if (!report.stages.labels) return labels;
+  for (const LabelAccount& account : report.stages.labels->accounts) {
+    Json entry = account;
+    for (std::size_t m = 1; m < report.label_of.size(); ++m)
+      if (report.label_of[m] == account.label && !account.is_dropped)
+        add_material(report, m, entry);
+    labels.push_back(entry);
+  }
+  return labels;
+}
+
+/// The interfaces with the two labels of each, numbered as in the mesh files.
+Json interfaces_json(const Report& report, const ParticleCounts& counts) {
+  Json interfaces = Json::array();
+  for (std::size_t p = 0; p < counts.patches.size(); ++p)
+    interfaces.push_back({{"index", p + 1},
+                          {"inside_label", report.label_of[counts.patches[p].sides.inside]},
+                          {"outside_label", report.label_of[counts.patches[p].sides.outside]},
+                          {"wall", counts.patches[p].wall},
+                          {"particles", counts.on_patch[p]}});
+  return interfaces;
+}
+
+Json stages_json(const StageResults& stages) {
+  Json object = Json::object();
+  if (stages.labels)
+    object["labels"] = {{"islands_removed", stages.labels->islands_removed},
+                        {"island_voxels", stages.labels->island_voxels}};
+  add(object, "level_sets", stages.level_sets);
+  add(object, "tightening", stages.tightening);
+  add(object, "dense_surfaces", stages.dense_surfaces);
+  add(object, "medial_axis", stages.medial_axis);
+  add(object, "sizing_field", stages.sizing_field);
+  add(object, "epsilon_search", stages.epsilon_search);
+  add(object, "seed_particles", stages.seed_particles);
+  add(object, "particle_optimisation", stages.particles);
+  add(object, "insertion", stages.insertion);
+  add(object, "decimation", stages.decimation);
+  add(object, "edge_flipping", stages.edge_flipping);
+  add(object, "tetrahedra", stages.tetrahedra);
+  return object;
+}
+
+Json results_json(const Report& report) {
+  Json results;
+  results["labels"] = labels_json(report);
+  if (!report.label_of.empty()) results["exterior_label"] = report.label_of[kExterior];
+  if (report.particle_counts) {
+    results["particles"] = *report.particle_counts;
+    results["interfaces"] = interfaces_json(report, *report.particle_counts);
+  }
+  add(results, "mesh", report.mesh);
+  add(results, "quality", report.quality);
+  add(results, "distances", report.distances);
+  add(results, "checks", report.checks);
+  results["stages"] = stages_json(report.stages);
+  return results;
+}
+
+Json timings_json(const Report& report) {
+  Json stages = Json::array();
+  for (const StageTiming& timing : report.timings)
+    stages.push_back(
+        {{"stage", timing.stage}, {"seconds", timing.seconds}, {"peak_mb", timing.peak_mb}});
+  return {{"threads", report.threads},
+          {"total_seconds", report.total_seconds},
+          {"peak_mb", report.peak_mb},
+          {"stages", stages}};
+}
+
+void add_body(const Report& report, Json& object) {
+  object["input"] = input_json(report.input);
+  object["parameters"] = parameters_to_json(report.parameters);
+  object["results"] = results_json(report);
+  object["timings"] = timings_json(report);
+}
+
+}  // namespace
+
+const char* code_name(ErrorCode code) {
+  switch (code) {
+    case ErrorCode::BadParameter:
+      return "BadParameter";
+    case ErrorCode::BadInput:
+      return "BadInput";
+    case ErrorCode::StageFailed:
+      return "StageFailed";
+    case ErrorCode::QualityGate:
+      return "QualityGate";
+    case ErrorCode::Output:
+      return "Output";
+    case ErrorCode::Limit:
+      return "Limit";
+    case ErrorCode::Internal:
+      break;
+  }
+  return "Internal";
+}
+
+Json report_json(const Report& report) {
+  Json object = header(report, "success");
+  add_body(report, object);
+  return object;
+}
+
+Json failure_json(const Report& report, const Error& error) {
+  Json object = header(report, "failed");
+  object["stage"] = error.stage();
+  object["code"] = code_name(error.code());
+  object["exit_code"] = static_cast<int>(error.code());
+  object["message"] = error.message();
+  add_body(report, object);
+  return object;
+}
+
+}  // namespace cvmesh

@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/report/stats_json.h"
+
+#include <nlohmann/json.hpp>
+
+namespace cvmesh {
+
+using Json = nlohmann::ordered_json;
+
+void to_json(Json& json, const LabelAccount& account) {
+  json = {{"label", account.label},
+          {"name", account.name},
+          {"voxels_in", account.voxels_in},
+          {"voxels_kept", account.voxels_kept},
+          {"components_in", account.components_in},
+          {"components_kept", account.components_kept},
+          {"is_dropped", account.is_dropped}};
+}
+
+void to_json(Json& json, const BuildLevelSetsStats& stats) {
+  json = {{"band_nodes", stats.band_nodes}, {"stored_bytes", stats.stored_bytes}};
+}
+
+void to_json(Json& json, const TightenStats& stats) {
+  json = {{"iterations", stats.iterations},
+          {"sweeps", stats.sweeps},
+          {"nodes_changed", stats.nodes_changed},
+          {"nodes_guarded", stats.nodes_guarded}};
+}
+
+void to_json(Json& json, const SurfaceSummary& summary) {
+  json = {{"vertices", summary.vertices},
+          {"facets", summary.facets},
+          {"patches", summary.patches},
+          {"curves", summary.curves},
+          {"corners", summary.corners}};
+}
+
+void to_json(Json& json, const MedialAxisStats& stats) {
+  json = {{"sites", stats.sites},
+          {"pairs_tested", stats.pairs_tested},
+          {"pairs_kept", stats.pairs_kept},
+          {"pairs_dropped_at_curves", stats.pairs_dropped_at_curves}};
+}
+
+void to_json(Json& json, const SizingStats& stats) {
+  json = {{"lfs_min_mm", stats.lfs_min_mm},
+          {"lfs_median_mm", stats.lfs_median_mm},
+          {"lfs_max_mm", stats.lfs_max_mm},
+          {"h_min_mm", stats.h_min_mm},
+          {"h_median_mm", stats.h_median_mm},
+          {"h_max_mm", stats.h_max_mm},
+          {"expected_vertices", stats.expected_vertices},
+          {"capped_vertices", stats.capped_vertices}};
+}
+
+void to_json(Json& json, const EpsilonSearch& search) {
+  json = {{"target_vertices", search.target_vertices},
+          {"particles", search.particles},
+          {"epsilon", search.epsilon},
+          {"rounds", search.rounds}};
+}
+
+void to_json(Json& json, const SeedParticlesStats& stats) {
+  json = {{"corners", stats.corners},
+          {"curve_particles", stats.curve_particles},
+          {"interface_particles", stats.interface_particles},
+          {"guard_particles", stats.guard_particles},
+          {"expected_interface_particles", stats.expected_interface_particles}};
+}
+
+void to_json(Json& json, const DistributeParticlesStats& stats) {
+  json = {{"sweeps", stats.sweeps},
+          {"thinning_rounds", stats.thinning_rounds},
+          {"energy", stats.energy},
+          {"split", stats.split},
+          {"deleted", stats.deleted},
+          {"on_dense_facet", stats.on_dense_facet},
+          {"edge_over_h_mean", stats.edge_over_h_mean},
+          {"edge_over_h_sd", stats.edge_over_h_sd},
+          {"nearest_over_h_mean", stats.nearest_over_h_mean},
+          {"six_neighbour_share", stats.six_neighbour_share}};
+}
+
+void to_json(Json& json, const InsertParticlesStats& stats) {
+  json = {{"snapped", stats.snapped},
+          {"edge_splits", stats.edge_splits},
+          {"facet_splits", stats.facet_splits},
+          {"off_position", stats.off_position}};
+}
+
+void to_json(Json& json, const DecimateStats& stats) {
+  Json kept = Json::array();
+  for (const KeptVertex& vertex : stats.kept)
+    kept.push_back({{"position_grid_mm", {vertex.position.x, vertex.position.y, vertex.position.z}},
+                    {"reason", vertex.reason}});
+  json = {{"removed", stats.removed},   {"deferrals", stats.deferrals},    {"passes", stats.passes},
+          {"refusals", stats.refusals}, {"kept_count", stats.kept.size()}, {"kept", kept}};
+}
+
+void to_json(Json& json, const FlipEdgesStats& stats) {
+  json = {{"flips", stats.flips}, {"refused", stats.refused}, {"passes", stats.passes}};
+}
+
+void to_json(Json& json, const TetrahedralizeStats& stats) {
+  json = {{"switches", stats.switches},
+          {"attempts", stats.attempts},
+          {"failed_attempts", stats.failed_attempts},
+          {"steiner_points", stats.steiner_points},
+          {"volume_error", stats.volume_error},
+          {"improvement", stats.improvement}};
+}
+
+void to_json(Json& json, const ImproveTetsStats& stats) {
+  json = {{"passes", stats.passes},
+          {"moves", stats.moves},
+          {"edge_removals", stats.edge_removals},
+          {"face_flips", stats.face_flips},
+          {"min_dihedral_before_deg", stats.min_dihedral_before_deg},
+          {"min_dihedral_after_deg", stats.min_dihedral_after_deg},
+          {"max_dihedral_before_deg", stats.max_dihedral_before_deg},
+          {"max_dihedral_after_deg", stats.max_dihedral_after_deg},
+          {"below_10_deg_before", stats.below_10_deg_before},
+          {"below_10_deg_after", stats.below_10_deg_after},
+          {"wedges_below_10_deg", stats.wedges_below_10_deg}};
+}
+
+void to_json(Json& json, const ParticleCounts& counts) {
+  json = {{"total", counts.total},
+          {"corners", counts.corners},
+          {"on_curves", counts.on_curves},
+          {"on_interfaces", counts.on_interfaces},
+          {"guards", counts.guards}};
+}
+
+void to_json(Json& json, const MeshCounts& counts) {
+  json = {{"points", counts.points},
+          {"surface_vertices", counts.surface_vertices},
+          {"surface_triangles", counts.surface_triangles},
+          {"wall_triangles", counts.wall_triangles},
+          {"interior_points", counts.interior_points},
+          {"tets", counts.tets}};
+}
+
+void to_json(Json& json, const Distribution& d) {
+  json = {{"count", d.count},
+          {"min", d.min},
+          {"max", d.max},
+          {"mean", d.mean},
+          {"standard_deviation", d.standard_deviation},
+          {"p1", d.p1},
+          {"p5", d.p5},
+          {"p25", d.p25},
+          {"p50", d.p50},
+          {"p75", d.p75},
+          {"p95", d.p95},
+          {"p99", d.p99}};
+}
+
+void to_json(Json& json, const TetQuality& quality) {
+  json = {{"radius_ratio", quality.radius_ratio},
+          {"scaled_jacobian", quality.scaled_jacobian},
+          {"min_dihedral_deg", quality.min_dihedral_deg},
+          {"max_dihedral_deg", quality.max_dihedral_deg},
+          {"dihedral_histogram_10_deg", quality.dihedral_histogram},
+          {"below_5_deg", quality.below_5_deg},
+          {"below_10_deg", quality.below_10_deg},
+          {"below_20_deg", quality.below_20_deg},
+          {"above_165_deg", quality.above_165_deg}};
+}
+
+void to_json(Json& json, const TriangleQuality& quality) {
+  json = {{"radius_ratio", quality.radius_ratio}, {"min_angle_deg", quality.min_angle_deg}};
+}
+
+void to_json(Json& json, const MeshQuality& quality) {
+  json["triangles"] = quality.triangles;
+  // A run that stops at the surfaces has no tets to describe.
+  if (quality.tets.radius_ratio.count > 0) json["tets"] = quality.tets;
+}
+
+void to_json(Json& json, const DistanceStats& stats) {
+  json = {{"max", stats.max},
+          {"p95", stats.p95},
+          {"mean", stats.mean},
+          {"rms", stats.rms},
+          {"samples", stats.samples}};
+}
+
+void to_json(Json& json, const TwoSidedDistance& distance) {
+  json = {{"mesh_to_reference", distance.mesh_to_reference},
+          {"reference_to_mesh", distance.reference_to_mesh},
+          {"hausdorff_lower_bound", distance.hausdorff_lower_bound()},
+          {"mean_symmetric", distance.mean_symmetric()},
+          {"rms_symmetric", distance.rms_symmetric()}};
+}
+
+void to_json(Json& json, const SurfaceDistance& distance) {
+  json = {{"mm", distance.mm}, {"voxels", distance.voxels}};
+}
+
+void to_json(Json& json, const SurfaceFidelity& fidelity) {
+  json = {{"to_dense", fidelity.to_dense.overall},
+          {"to_labels", fidelity.to_labels.overall},
+          {"samples_per_square_voxel", fidelity.samples_per_square_voxel}};
+}
+
+void to_json(Json& json, const VolumeError& volume) {
+  json = {{"voxels_mm3", volume.voxels_mm3},
+          {"mesh_mm3", volume.mesh_mm3},
+          {"relative_error", volume.relative_error}};
+}
+
+void to_json(Json& json, const Checks& checks) {
+  json = {{"surface_is_valid", checks.surface_is_valid},
+          {"surface_intersections", checks.surface_intersections},
+          {"labels_are_complete", checks.labels_are_complete},
+          {"topology_as_lattice14", checks.topology_as_lattice14}};
+  if (checks.tets_are_valid) json["tets_are_valid"] = *checks.tets_are_valid;
+}
+
+}  // namespace cvmesh

@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/surface/insert_particles.h"
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "cvmesh/core/error.h"
+#include "cvmesh/surface/embedding_guard.h"
+
+namespace cvmesh {
+namespace {
+
+// A moved vertex may not turn a facet by more than this, nor flatten it below this quality.
+constexpr double kMinTurnCosine = 0.3;
+constexpr double kMinMovedQuality = 0.02;
+// A particle takes over a free dense vertex within this part of the facet's or edge's size;
+// otherwise it gets a vertex of its own.
+constexpr double kSnapShare = 0.5;
+
+class Inserter {
+ public:
+  Inserter(MaterialSurfaces& surfaces, const Strata& strata, double voxel_mm)
+      : surfaces_(surfaces), strata_(strata), guard_(surfaces, voxel_mm),
+        is_taken_(surfaces.points().size(), false) {}
+
+  std::int32_t insert(const Particle& particle, InsertParticlesStats& stats) {
+    switch (particle.dimension) {
+      case 0: return take(particle.carrier[0], particle.position, stats);
+      case 1: return insert_on_curve(particle, stats);
+      default: return insert_on_patch(particle, stats);
+    }
+  }
+
+ private:
+  std::int32_t take(std::int32_t vertex, const Vec3& position, InsertParticlesStats& stats) {
+    is_taken_.resize(surfaces_.points().size(), false);
+    require(!is_taken_[vertex], ErrorCode::StageFailed, "insertion",
+            "two particles ask for dense vertex " + std::to_string(vertex));
+    is_taken_[vertex] = true;
+    ++stats.snapped;
+    if (!try_move(vertex, position)) ++stats.off_position;
+    return vertex;
+  }
+
+  std::int32_t take_new(std::int32_t vertex, const Vec3& position, InsertParticlesStats& stats) {
+    is_taken_.resize(surfaces_.points().size(), false);
+    is_taken_[vertex] = true;
+    if (!try_move(vertex, position)) ++stats.off_position;
+    return vertex;
+  }
+
+  [[nodiscard]] bool is_free(std::int32_t vertex, int dimension) const {
+    return static_cast<std::size_t>(vertex) < strata_.dimension.size() && !is_taken_[vertex] &&
+           strata_.dimension[vertex] == dimension;
+  }
+
+  // Moves a vertex unless that folds a facet, makes facets meet, or jumps over something.
+  bool try_move(std::int32_t vertex, const Vec3& position) {
+    const Vec3 old = surfaces_.points()[vertex];
+    if (old == position) return true;
+    surfaces_.collect_star(vertex, star_);
+    const auto& points = surfaces_.points();
+    Box3 box;
+    box.add(position);
+    ring_.assign(1, vertex);
+    for (const auto f : star_)
+      for (const auto v : surfaces_.facets()[f].vertices) {
+        box.add(points[v]);
+        ring_.push_back(v);
+      }
+    guard_.begin(box, star_);
+    guard_.mark_ring(ring_);
+    if (!keeps_shape(vertex, position)) return false;
+    for (const auto f : star_) guard_.remove(f);
+    surfaces_.move_vertex(vertex, position);
+    bool is_good = true;
+    for (std::size_t a = 0; a < star_.size() && is_good; ++a) {
+      const auto& t = surfaces_.facets()[star_[a]].vertices;
+      is_good = !guard_.intersects_nearby(t) && !guard_.sweeps_over_vertex(old, t);
+      for (std::size_t b = a + 1; b < star_.size() && is_good; ++b)
+        is_good = !facets_intersect(points, t, surfaces_.facets()[star_[b]].vertices);
+    }
+    if (!is_good) surfaces_.move_vertex(vertex, old);
+    for (const auto f : star_) guard_.insert(f);
+    return is_good;
+  }
+
+  [[nodiscard]] bool keeps_shape(std::int32_t vertex, const Vec3& position) const {
+    const auto& points = surfaces_.points();
+    for (const auto f : star_) {
+      std::array<Vec3, 3> before, after;
+      for (int c = 0; c < 3; ++c) {
+        const auto v = surfaces_.facets()[f].vertices[c];
+        before[c] = points[v];
+        after[c] = v == vertex ? position : points[v];
+      }
+      const Vec3 n0 = normalized(area_vector2(before[0], before[1], before[2]));
+      const Vec3 n1 = normalized(area_vector2(after[0], after[1], after[2]));
+      if (dot(n0, n1) < kMinTurnCosine) return false;
+      // poor facets (a clamped cut point) may stay as poor as they are
+      const double quality = triangle_quality(after[0], after[1], after[2]);
+      if (quality < kMinMovedQuality &&
+          quality < triangle_quality(before[0], before[1], before[2]))
+        return false;
+    }
+    return true;
+  }
+
+  std::int32_t insert_on_curve(const Particle& particle, InsertParticlesStats& stats) {
+    const std::int32_t a = particle.carrier[0], b = particle.carrier[1];
+    const auto& points = surfaces_.points();
+    const double reach = kSnapShare * distance(points[a], points[b]);
+    const bool a_is_nearer =
+        distance(points[a], particle.position) <= distance(points[b], particle.position);
+    for (const auto v : {a_is_nearer ? a : b, a_is_nearer ? b : a})
+      if (is_free(v, 1) && distance(points[v], particle.position) <= reach)
+        return take(v, particle.position, stats);
+    // the piece of the (possibly already split) dense edge that is nearest
+    auto& chain = chains_[std::minmax(a, b)];
+    if (chain.empty()) chain = {std::min(a, b), std::max(a, b)};
+    std::size_t piece = 0;
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t n = 0; n + 1 < chain.size(); ++n) {
+      const Vec3 on = nearest_on_segment(particle.position, points[chain[n]], points[chain[n + 1]]);
+      if (distance(on, particle.position) < least) {
+        least = distance(on, particle.position);
+        piece = n;
+      }
+    }
+    const std::int32_t v = split_edge(chain[piece], chain[piece + 1], particle.position);
+    chain.insert(chain.begin() + static_cast<std::ptrdiff_t>(piece) + 1, v);
+    ++stats.edge_splits;
+    return take_new(v, particle.position, stats);
+  }
+
+  // Splits an edge at its point nearest to `position`, kept off its ends.
+  std::int32_t split_edge(std::int32_t a, std::int32_t b, const Vec3& position) {
+    const auto& points = surfaces_.points();
+    const Vec3 d = points[b] - points[a];
+    const double t = std::clamp(dot(position - points[a], d) / squared_norm(d), 0.1, 0.9);
+    star_.clear();
+    std::vector<std::int32_t> around_b;
+    surfaces_.collect_star(a, star_);
+    surfaces_.collect_star(b, around_b);
+    for (const auto f : star_)
+      if (std::find(around_b.begin(), around_b.end(), f) != around_b.end()) guard_.remove(f);
+    const std::int32_t v = surfaces_.split_edge(a, b, points[a] + t * d);
+    surfaces_.collect_star(v, star_);
+    for (const auto f : star_) guard_.insert(f);
+    return v;
+  }
+
+  std::int32_t insert_on_patch(const Particle& particle, InsertParticlesStats& stats) {
+    const auto carrier = surfaces_.facets()[particle.carrier[0]];
+    if (const auto v = free_vertex_near(carrier, particle.position); v >= 0)
+      return take(v, particle.position, stats);
+    const std::int32_t f = nearest_facet(carrier, particle.position);
+    const auto corners = surfaces_.facets()[f].vertices;
+    const auto& points = surfaces_.points();
+    const Vec3 on = nearest_on_triangle(particle.position, points[corners[0]], points[corners[1]],
+                                        points[corners[2]]);
+    // near a side the side is split: no thin facet
+    constexpr double kSideShare = 0.1;
+    const double area = norm(area_vector2(points[corners[0]], points[corners[1]], points[corners[2]]));
+    for (int c = 0; c < 3; ++c) {
+      const auto a = corners[c], b = corners[(c + 1) % 3];
+      std::int32_t first = -1, second = -1;
+      if (norm(area_vector2(points[a], points[b], on)) > kSideShare * area ||
+          !surfaces_.facets_of_edge(a, b, first, second))
+        continue;
+      ++stats.edge_splits;
+      return take_new(split_edge(a, b, on), particle.position, stats);
+    }
+    guard_.remove(f);
+    // off the sides, so that no new facet is flat
+    const Vec3 center = (points[corners[0]] + points[corners[1]] + points[corners[2]]) / 3;
+    const std::int32_t v = surfaces_.split_facet(f, on + 0.15 * (center - on));
+    surfaces_.collect_star(v, star_);
+    for (const auto g : star_) guard_.insert(g);
+    ++stats.facet_splits;
+    return take_new(v, particle.position, stats);
+  }
+
+  // The nearest free vertex of the carrier facet within reach, or -1.
+  [[nodiscard]] std::int32_t free_vertex_near(const MaterialSurfaces::Facet& carrier,
+                                              const Vec3& position) const {
+    const auto& points = surfaces_.points();
+    double longest = 0;
+    for (int c = 0; c < 3; ++c)
+      longest = std::max(longest, distance(points[carrier.vertices[c]],
+                                           points[carrier.vertices[(c + 1) % 3]]));
+    std::int32_t best = -1;
+    double least = kSnapShare * longest;
+    for (const auto v : carrier.vertices)
+      if (is_free(v, 2) && distance(points[v], position) <= least) {
+        least = distance(points[v], position);
+        best = v;
+      }
+    return best;
+  }
+
+  // The facet of the carrier's patch nearest to a position, among those within two rings of the
+  // carrier's corners (the carrier itself may have been split since).
+  std::int32_t nearest_facet(const MaterialSurfaces::Facet& carrier, const Vec3& position) {
+    const auto& points = surfaces_.points();
+    std::vector<std::int32_t> corners(carrier.vertices.begin(), carrier.vertices.end()), star;
+    std::int32_t best = -1;
+    double least = std::numeric_limits<double>::infinity();
+    for (int ring = 0; ring < 2; ++ring) {
+      std::vector<std::int32_t> next;
+      for (const auto v : corners) {
+        surfaces_.collect_star(v, star);
+        for (const auto f : star) {
+          const auto& facet = surfaces_.facets()[f];
+          if (facet.patch != carrier.patch) continue;
+          next.insert(next.end(), facet.vertices.begin(), facet.vertices.end());
+          const double d = distance(
+              nearest_on_triangle(position, points[facet.vertices[0]], points[facet.vertices[1]],
+                                  points[facet.vertices[2]]),
+              position);
+          if (d < least || (d == least && f < best)) {
+            least = d;
+            best = f;
+          }
+        }
+      }
+      std::sort(next.begin(), next.end());
+      next.erase(std::unique(next.begin(), next.end()), next.end());
+      corners = std::move(next);
+    }
+    return best;
+  }
+
+  MaterialSurfaces& surfaces_;
+  const Strata& strata_;
+  EmbeddingGuard guard_;
+  std::vector<bool> is_taken_;
+  std::map<std::pair<std::int32_t, std::int32_t>, std::vector<std::int32_t>> chains_;
+  std::vector<std::int32_t> star_, ring_;
+};
+
+}  // namespace
+
+InsertParticlesResult insert_particles(MaterialSurfaces surfaces, const Strata& strata,
+                                       const ParticleSet& particles, double voxel_mm,
+                                       const StageContext& context) {
+  InsertParticlesResult result;
+  Inserter inserter(surfaces, strata, voxel_mm);
+  const std::size_t count = particles.particles.size();
+  for (std::size_t p = 0; p < count; ++p) {
+    result.vertex_of.push_back(inserter.insert(particles.particles[p], result.stats));
+    if (p % 4096 == 0)
+      report_progress(context, "insertion", static_cast<double>(p) / static_cast<double>(count));
+  }
+  result.surfaces = std::move(surfaces);
+  return result;
+}
+
+}  // namespace cvmesh

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include <algorithm>
+
+#include "cvmesh/core/vec3.h"
+#include "cvmesh/mesh/material_surfaces.h"
+
+namespace cvmesh {
+
+/// What decimation and flips minimise, summed over facets and edges:
+///
+///     max(0, d / tau - 1)^2 + kShapeWeight (1 / q - 1)      per facet
+///     kFoldWeight max(0, kFoldCosine - cos)^2               per edge inside a patch
+///
+/// d is the distance of the dense samples that the facet stands for to the facet, q its shape 2r/R,
+/// cos the cosine between the normals of the two facets of an edge. While the distance is below the
+/// tolerance tau shape rules, beyond it the distance does.
+struct SurfaceObjective {
+  /// Shape against distance: a facet of quality 0.5 costs as much as one at 1.5 tau.
+  static constexpr double kShapeWeight = 0.25;
+  static constexpr double kFoldWeight = 2.0;
+  /// Normals up to 60 degrees apart are no fold: sharp edges of real parts cost nothing.
+  static constexpr double kFoldCosine = 0.5;
+  /// Facets poorer than this cost as much as this: keeps the terms finite.
+  static constexpr double kLeastQuality = 1e-4;
+
+  /// Tolerance where the surface is finely resolved, in mm.
+  double deviation_mm = 0.25;
+
+  /// tau of a facet with edges about `edge_mm` long: the deviation allowed, or where it is larger
+  /// the sagitta h^2 / (8 rho) of a surface with a radius of curvature rho of four edges, which no
+  /// choice of diagonals can avoid. A function of the facet alone, so that the sum is one objective.
+  [[nodiscard]] double tolerance_mm(double edge_mm) const {
+    constexpr double kRadiusOverEdge = 4;
+    return std::max(deviation_mm, edge_mm / (8 * kRadiusOverEdge));
+  }
+
+  [[nodiscard]] double facet_term(const Vec3& a, const Vec3& b, const Vec3& c,
+                                  double distance_mm) const {
+    const double edge_mm = (distance(a, b) + distance(b, c) + distance(c, a)) / 3;
+    const double excess = std::max(0.0, distance_mm / tolerance_mm(edge_mm) - 1);
+    return excess * excess + shape_term(triangle_quality(a, b, c));
+  }
+  [[nodiscard]] static double shape_term(double quality) {
+    return kShapeWeight * (1 / std::max(quality, kLeastQuality) - 1);
+  }
+  /// Of two unit normals.
+  [[nodiscard]] static double fold_term(const Vec3& n1, const Vec3& n2) {
+    const double excess = std::max(0.0, kFoldCosine - dot(n1, n2));
+    return kFoldWeight * excess * excess;
+  }
+};
+
+}  // namespace cvmesh

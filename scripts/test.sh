@@ -1,0 +1,40 @@
+#!/bin/sh
+# SPDX-License-Identifier: AGPL-3.0-or-later
+#
+# Builds and runs the tests; exits non-zero when anything fails.
+#
+# usage: test.sh [--quick] [--sanitize]
+#   (nothing)    the quick tests, then the slow set
+#   --quick      the quick tests only
+#   --sanitize   the quick tests, built with the address and undefined-behaviour sanitizers
+set -eu
+cd "$(dirname "$0")/.."
+
+preset=release
+is_quick=no
+for argument in "$@"; do
+  case $argument in
+    --quick) is_quick=yes ;;
+    --sanitize)
+      preset=asan
+      is_quick=yes
+      ;;
+    *)
+      echo "test.sh: unknown argument '$argument'" >&2
+      exit 2
+      ;;
+  esac
+done
+
+scripts/build.sh "$preset"
+jobs=$(nproc)
+status=0
+# Not "set -e" here: the slow set runs, and is summed up, also when a quick test fails.
+ctest --test-dir "build/$preset" --output-on-failure --no-tests=error --parallel "$jobs" \
+  --label-exclude slow || status=1
+if [ "$is_quick" = no ]; then
+  # One at a time: these measure time and memory, and some use all cores themselves.
+  ctest --test-dir "build/$preset" --output-on-failure --label-regex slow || status=1
+fi
+if [ $status -eq 0 ]; then echo "tests: all passed"; else echo "tests: FAILED" >&2; fi
+exit $status

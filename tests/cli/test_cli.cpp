@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/io/json_io.h"
+
+#include <nlohmann/json.hpp>
+
+#include "io/image_files.h"
+#include "support/catch.h"
+#include "support/phantoms.h"
+#include "support/run_cli.h"
+#include "support/test_data.h"
+#include "support/volume_file.h"
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <thread>
+#include <vector>
+
+using namespace cvmesh;
+namespace fs = std::filesystem;
+
+namespace {
+
+using run_cli::Outcome;
+using Words = std::vector<std::string>;
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+/// No mesh, no report, no temporary file: at most the failure file.
+void check_nothing_written(const fs::path& folder) {
+  if (!fs::exists(folder)) return;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    INFO(entry.path());
+    CHECK(contains(entry.path().filename().string(), ".failed.json"));
+  }
+}
+
+/// Runs `cvmesh mesh` on bytes that are to be refused.
+Outcome mesh_bytes(const test_data::TemporaryFolder& folder,
+                   const std::string& name,
+                   const std::string& bytes) {
+  image_files::write_file(folder / name, bytes);
+  const Outcome outcome =
+      run_cli::cvmesh({"mesh", (folder / name).string(), "--out", (folder / "out").string()});
+  check_nothing_written(folder / "out");
+  return outcome;
+}
+
+}  // namespace
+
+TEST_CASE("cvmesh: help and version say what they should and succeed", "[cli]") {
+  const Outcome help = run_cli::cvmesh({"--help"});
+  CHECK(help.exit_code == 0);
+  CHECK(contains(help.out, "Examples:"));
+  CHECK(contains(help.out, "cvmesh mesh scan.nii.gz"));
+  CHECK(contains(run_cli::cvmesh({"mesh", "--help"}).out, "--keep-stages"));
+  const Outcome version = run_cli::cvmesh({"--version"});
+  CHECK(version.exit_code == 0);
+  CHECK(version.out.rfind("cvmesh 0.", 0) == 0);
+}
+
+TEST_CASE("cvmesh: a wrong command line is refused with code 2", "[cli]") {
+  CHECK(run_cli::cvmesh({}).exit_code == 2);
+  CHECK(run_cli::cvmesh({"smooth"}).exit_code == 2);
+  CHECK(run_cli::cvmesh({"mesh"}).exit_code == 2);
+  CHECK(run_cli::cvmesh({"mesh", "a.nii", "--colour", "red"}).exit_code == 2);
+  CHECK(run_cli::cvmesh({"mesh", "a.nii", "--threads", "0"}).exit_code == 2);
+  CHECK(run_cli::cvmesh({"mesh", "a.nii", "--space", "up"}).exit_code == 2);
+  CHECK(run_cli::cvmesh({"mesh", "a.nii", "--quiet", "--verbose"}).exit_code == 2);
+}
+
+TEST_CASE("cvmesh schema and defaults: print JSON to standard output", "[cli]") {
+  const Outcome schema = run_cli::cvmesh({"schema"});
+  CHECK(schema.exit_code == 0);
+  CHECK(nlohmann::json::parse(schema.out)["type"] == "object");
+  const Outcome defaults = run_cli::cvmesh({"defaults"});
+  CHECK(nlohmann::json::parse(defaults.out)["r"] == 0.8);
+}
+
+TEST_CASE("cvmesh mesh: bad inputs give one clear message and code 3", "[cli]") {
+  const test_data::TemporaryFolder folder;
+  const Outcome missing =
+      run_cli::cvmesh({"mesh", (folder / "no.nii").string(), "--out", (folder / "out").string()});
+  CHECK(missing.exit_code == 3);
+  CHECK(contains(missing.err, "no.nii' does not exist"));
+  CHECK_FALSE(fs::exists(folder / "out"));
+
+  const Outcome no_image = mesh_bytes(folder, "text.nii", "this is no image at all");
+  CHECK(no_image.exit_code == 3);
+  CHECK(contains(no_image.err, "text.nii"));
+
+  image_files::Nifti flat;
+  flat.dim = {2, 4, 6, 1, 1, 1, 1, 1};
+  CHECK(mesh_bytes(folder, "flat.nii", flat.bytes()).exit_code == 3);
+  image_files::Nifti movie;
+  movie.dim = {4, 4, 3, 2, 2, 1, 1, 1};
+  movie.voxels.assign(48, '\1');
+  CHECK(mesh_bytes(folder, "movie.nii", movie.bytes()).exit_code == 3);
+
+  const Outcome one_label = mesh_bytes(folder, "one.nii", image_files::Nifti{}.bytes());
+  CHECK(one_label.exit_code == 3);
+  CHECK(contains(one_label.err, "label"));
+
+  image_files::Nifti floats;
+  floats.datatype = 16;
+  std::vector<float> values(24, 0.0F);
+  values[5] = 0.5F;
+  floats.voxels = image_files::bytes_of_all(values);
+  const Outcome fractions = mesh_bytes(folder, "floats.nii", floats.bytes());
+  CHECK(fractions.exit_code == 3);
+  CHECK(contains(fractions.err, "0.5"));
+
+  for (const Outcome* outcome : {&missing, &no_image, &one_label, &fractions}) {
+    INFO(outcome->err);
+    CHECK(contains(outcome->err, "cvmesh: error: "));
+    CHECK(outcome->out.empty());
+  }
+}
+
+TEST_CASE("cvmesh mesh: bad parameters give code 2 before anything is written", "[cli]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(6));
+  const std::string input = (folder / "a.nii").string(), out = (folder / "out").string();
+
+  image_files::write_file(folder / "p.json", R"({"epsilom": 2})");
+  const Outcome unknown =
+      run_cli::cvmesh({"mesh", input, "--params", (folder / "p.json").string(), "--out", out});
+  CHECK(unknown.exit_code == 2);
+  CHECK(contains(unknown.err, "unknown key \"epsilom\"; did you mean \"epsilon\"?"));
+
+  image_files::write_file(folder / "p.json", R"({"epsilon": -1})");
+  const Outcome negative =
+      run_cli::cvmesh({"mesh", input, "--params", (folder / "p.json").string(), "--out", out});
+  CHECK(negative.exit_code == 2);
+  CHECK(contains(negative.err, "epsilon (-1) must be greater than 0"));
+
+  image_files::write_file(folder / "p.json", "{\"epsilon\": ");
+  CHECK(run_cli::cvmesh({"mesh", input, "--params", (folder / "p.json").string(), "--out", out})
+            .exit_code == 2);
+  CHECK(run_cli::cvmesh({"mesh", input, "--params", (folder / "no.json").string(), "--out", out})
+            .exit_code == 2);
+  CHECK(run_cli::cvmesh({"mesh", input, "--seed", "x", "--out", out}).exit_code == 2);
+  CHECK(run_cli::cvmesh({"mesh", input, "--set", "epsilon", "--out", out}).exit_code == 2);
+  CHECK_FALSE(fs::exists(folder / "out"));
+}
+
+TEST_CASE("cvmesh mesh: an output folder that cannot be made gives code 6 at once", "[cli]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(6));
+  image_files::write_file(folder / "file", "x");
+  const Outcome outcome = run_cli::cvmesh(
+      {"mesh", (folder / "a.nii").string(), "--out", (folder / "file" / "out").string()});
+  CHECK(outcome.exit_code == 6);
+  CHECK(contains(outcome.err, "output folder"));
+  CHECK_FALSE(contains(outcome.err, "level sets"));
+}
+
+TEST_CASE("cvmesh mesh: logs one line per stage and a summary, or nothing when quiet", "[cli]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii.gz", phantoms::ball(6));
+  const std::string input = (folder / "a.nii.gz").string();
+  const Outcome loud = run_cli::cvmesh({"mesh", input, "--out", (folder / "out").string(), "--set",
+                                        "epsilon=1.5", "--threads", "2"});
+  INFO(loud.err);
+  REQUIRE(loud.exit_code == 0);
+  CHECK(loud.out.empty());
+  for (const char* stage : {"tightening: ", "medial axis: ", "decimation: ", "tetrahedra: "})
+    CHECK(contains(loud.err, stage));
+  CHECK(contains(loud.err, "smallest dihedral"));
+  CHECK(contains(loud.err, "2 threads"));
+  CHECK_FALSE(contains(loud.err, "\r"));
+  CHECK(fs::exists(folder / "out/a.metrics.json"));
+  const auto json = read_json(folder / "out/a.metrics.json");
+  CHECK(json["parameters"]["epsilon"] == 1.5);
+
+  const Outcome quiet =
+      run_cli::cvmesh({"mesh", input, "--out", (folder / "out").string(), "--quiet"});
+  CHECK(quiet.exit_code == 0);
+  CHECK(quiet.err.empty());
+
+  const Outcome slurm =
+      run_cli::cvmesh({"mesh", input, "--out", (folder / "out").string(), "--surface-only"},
+                      {{"SLURM_CPUS_PER_TASK", "3"}});
+  CHECK(slurm.exit_code == 0);
+  CHECK(read_json(folder / "out/a.metrics.json")["timings"]["threads"] == 3);
+}
+
+TEST_CASE("cvmesh mesh: SIGTERM ends the run with 128+15 and leaves no mesh", "[cli]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(45));
+  run_cli::Process process({"mesh", (folder / "a.nii").string(), "--out", (folder / "out").string(),
+                            "--set", "epsilon=0.3"});
+  for (int wait = 0; wait < 200 && !fs::exists(folder / "out"); ++wait)
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  process.send_signal(SIGTERM);
+  const Outcome outcome = process.wait();
+  INFO(outcome.err);
+  CHECK(outcome.exit_code == 128 + SIGTERM);
+  check_nothing_written(folder / "out");
+}

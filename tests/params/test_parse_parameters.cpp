@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/error.h"
+#include "cvmesh/io/json_io.h"
+#include "cvmesh/params/parameter_table.h"
+#include "cvmesh/params/parameters_schema.h"
+#include "cvmesh/params/parse_parameters.h"
+
+#include <nlohmann/json.hpp>
+
+#include "support/catch.h"
+#include <filesystem>
+#include <string>
+
+using namespace cvmesh;
+using Json = nlohmann::ordered_json;
+
+namespace {
+
+Parameters parse(const char* text, const std::vector<std::string>& settings = {}) {
+  return parse_parameters(Json::parse(text), "p.json", settings);
+}
+
+/// The message of the error that parsing gives; empty when there is none.
+std::string refusal(const char* text, const std::vector<std::string>& settings = {}) {
+  try {
+    parse(text, settings);
+  } catch (const Error& error) {
+    CHECK(error.code() == ErrorCode::BadParameter);
+    return error.what();
+  }
+  return {};
+}
+
+}  // namespace
+
+TEST_CASE("parse_parameters: an empty object gives the defaults of the structs", "[params][unit]") {
+  const Parameters parameters = parse("{}");
+  CHECK(parameters.tighten.r_vox == 0.8);
+  CHECK(parameters.sizing.epsilon == 1.0);
+  CHECK(parameters.sizing.delta == 0.4);
+  CHECK(parameters.seed == 1);
+  CHECK(parameters.clean_labels.min_island_voxels == 1);
+  CHECK_FALSE(parameters.target_vertices);
+  CHECK(parameters_to_json(parameters) == parameters_to_json(Parameters{}));
+}
+
+TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
+  const Parameters p = parse(R"({
+    "comment": ["ignored", {"a": 1}], "r": 0.5, "epsilon": 2, "delta": 0.3, "seed": 7,
+    "min_island_voxels": 10, "mesh_background": true, "drop_labels": [5, -2, 5],
+    "labels": {"2": {"name": "bone", "epsilon": 0.5, "max_edge_mm": 3, "comment": 0},
+               "comment": "x"},
+    "min_edge_mm": 0.5, "max_edge_mm": null, "seeding": "dense", "particle_sweeps": 4e1,
+    "deviation_vox": 0.5, "on_degenerate": "fail", "flip_passes": 3, "interior_growth": 0,
+    "tetgen_memory_limit_mb": 512})");
+  CHECK(p.tighten.r_vox == 0.5);
+  CHECK(p.sizing.epsilon == 2);
+  CHECK(p.sizing.delta == 0.3);
+  CHECK(p.seed == 7);
+  CHECK(p.clean_labels.min_island_voxels == 10);
+  CHECK(p.clean_labels.mesh_background);
+  CHECK(p.clean_labels.drop_labels == std::vector<Label>{-2, 5});
+  CHECK(p.clean_labels.names.at(2) == "bone");
+  CHECK(p.labels.at(2).epsilon == 0.5);
+  CHECK(p.labels.at(2).max_edge_mm == 3.0);
+  CHECK_FALSE(p.labels.at(2).min_edge_mm);
+  CHECK(p.sizing.min_edge_mm == 0.5);
+  CHECK_FALSE(p.sizing.max_edge_mm);
+  CHECK(p.seed_particles.seeding == Seeding::Dense);
+  CHECK(p.distribute_particles.max_sweeps == 40);
+  CHECK(p.decimate.deviation_vox == 0.5);
+  CHECK(p.flip_edges.deviation_vox == 0.5);
+  CHECK(p.decimate.on_degenerate == OnDegenerate::Fail);
+  CHECK(p.flip_edges.max_passes == 3);
+  CHECK(p.tetrahedralize.interior_growth == 0);
+  CHECK(p.tetrahedralize.memory_limit_mb == 512);
+}
+
+TEST_CASE("parse_parameters: messages name file, key, value, bound and way out", "[params][unit]") {
+  CHECK(refusal(R"({"epsilom": 1})") ==
+        "parameters: p.json: unknown key \"epsilom\"; did you mean \"epsilon\"? `cvmesh schema` "
+        "lists all keys");
+  CHECK(
+      refusal(R"({"epsilon": -1})") ==
+      "parameters: p.json: epsilon (-1) must be greater than 0; raise it, or leave it out for the "
+      "default");
+  CHECK(refusal(R"({"epsilon": 0})") != "");
+  CHECK(
+      refusal(R"({"r": 100})") ==
+      "parameters: p.json: r (100) must be at most 20; lower it, or leave it out for the default");
+  CHECK(refusal(R"({"r": "0.8"})") == "parameters: p.json: r (\"0.8\") is a string; give a number");
+  CHECK(refusal(R"({"max_edge_mm": true})") ==
+        "parameters: p.json: max_edge_mm (true) is a boolean; give a number, or null for \"not "
+        "set\"");
+  CHECK(refusal(R"({"r": null})") == "parameters: p.json: r (null) is null; give a number");
+  CHECK(refusal(R"({"seed": 1.5})") ==
+        "parameters: p.json: seed (1.5) must be a whole number; round it");
+  CHECK(refusal(R"({"min_island_voxels": 0})") ==
+        "parameters: p.json: min_island_voxels (0) must be at least 1; raise it, or leave it out "
+        "for the default");
+  CHECK(refusal(R"({"mesh_background": 1})") ==
+        "parameters: p.json: mesh_background (1) is a number; give true or false");
+  CHECK(refusal(R"({"seeding": "random"})") ==
+        "parameters: p.json: seeding (\"random\") is not one of its values; give \"poisson\" or "
+        "\"dense\"");
+  CHECK(refusal(R"({"drop_labels": 3})") ==
+        "parameters: p.json: drop_labels (3) is a number; give an array of label values, like [1, "
+        "2]");
+  CHECK(refusal(R"({"drop_labels": [3e10]})").find("must be at most") != std::string::npos);
+  CHECK(refusal(R"({"labels": {"bone": {}}})") ==
+        "parameters: p.json: labels key \"bone\" is not a label value; use the whole number that "
+        "the label has in the volume, like \"2\"");
+  CHECK(refusal(R"({"labels": {"2": 0.5}})") ==
+        "parameters: p.json: labels.2 (0.5) is a number; give an object like {\"epsilon\": 0.5}");
+  CHECK(refusal(R"({"labels": {"2": {"epsilo": 1}}})") ==
+        "parameters: p.json: unknown key \"labels.2.epsilo\"; did you mean \"labels.2.epsilon\"? "
+        "`cvmesh schema` lists all keys");
+  CHECK(refusal(R"({"labels": {"2": {"epsilon": -1}}})").find("labels.2.epsilon (-1)") !=
+        std::string::npos);
+  CHECK(refusal(R"([1])") ==
+        "parameters: p.json: holds an array; a parameter file is one JSON object, like "
+        "{\"epsilon\": 2}");
+}
+
+TEST_CASE("parse_parameters: an empty lower bound stays below its upper bound", "[params][unit]") {
+  CHECK(refusal(R"({"min_edge_mm": 2.5, "max_edge_mm": 2})") ==
+        "parameters: p.json: min_edge_mm (2.5) exceeds max_edge_mm (2); lower min_edge_mm");
+  // A label inherits what it does not set.
+  CHECK(refusal(R"({"max_edge_mm": 2, "labels": {"1": {"min_edge_mm": 3}}})") ==
+        "parameters: p.json: labels.1.min_edge_mm (3) exceeds labels.1.max_edge_mm (2); lower "
+        "labels.1.min_edge_mm");
+}
+
+TEST_CASE("parse_parameters: epsilon and target_vertices exclude each other", "[params][unit]") {
+  CHECK(refusal(R"({"epsilon": 2, "target_vertices": 500})") ==
+        "parameters: p.json: epsilon (2) and target_vertices (500) exclude each other; set one of "
+        "them to null");
+  CHECK(parse(R"({"epsilon": null, "target_vertices": 500})").target_vertices == 500U);
+  CHECK(parse(R"({"epsilon": 2, "target_vertices": null})").sizing.epsilon == 2);
+}
+
+TEST_CASE("parse_parameters: settings override the file", "[params][unit]") {
+  CHECK(parse(R"({"epsilon": 2})", {"epsilon=3", "epsilon=4"}).sizing.epsilon == 4);
+  CHECK(parse("{}", {"seeding=dense"}).seed_particles.seeding == Seeding::Dense);
+  CHECK(parse("{}", {"drop_labels=[1,2]"}).clean_labels.drop_labels.size() == 2);
+  // The command line asks for the other way of sizing: the file's gives way.
+  CHECK(parse(R"({"epsilon": 2})", {"target_vertices=500"}).target_vertices == 500U);
+  CHECK_FALSE(parse(R"({"target_vertices": 500})", {"epsilon=2"}).target_vertices);
+  CHECK(refusal("{}", {"epsilon=2", "target_vertices=500"}).find("--set: epsilon (2) and") !=
+        std::string::npos);
+
+  const Parameters p = parse(R"({"labels": {"2": {"name": "bone", "epsilon": 1}}})",
+                             {"labels.2.epsilon=0.5", "labels.3.name=muscle"});
+  CHECK(p.labels.at(2).name == "bone");
+  CHECK(p.labels.at(2).epsilon == 0.5);
+  CHECK(p.labels.at(3).name == "muscle");
+
+  CHECK(refusal("{}", {"epsilon"}) ==
+        "parameters: --set: \"epsilon\" is not of the form key=value");
+  CHECK(refusal("{}", {"label.2.epsilon=1"}).find("names no key") != std::string::npos);
+  CHECK(refusal("{}", {"epsilon=-1"}).find("--set: epsilon (-1)") != std::string::npos);
+}
+
+TEST_CASE("parameters_to_json: gives a file that parses to the same parameters", "[params][unit]") {
+  const Parameters p = parse(R"({"target_vertices": 500, "labels": {"-3": {"name": "a"}}})");
+  const Json json = parameters_to_json(p);
+  CHECK(json["epsilon"].is_null());
+  CHECK(parameters_to_json(parse_parameters(json, "again")) == json);
+}
+
+TEST_CASE("configs: default.json holds every key with its default", "[params][unit]") {
+  Json file = read_json(std::filesystem::path(CVMESH_SOURCE_DIR) / "configs" / "default.json");
+  file.erase("comment");
+  CHECK(file == parameters_to_json(Parameters{}));
+}
+
+TEST_CASE("configs: every file parses and names every key", "[params][unit]") {
+  const std::filesystem::path folder = std::filesystem::path(CVMESH_SOURCE_DIR) / "configs";
+  int files = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    INFO(entry.path());
+    const Json file = read_json(entry.path());
+    CHECK_NOTHROW(parse_parameters(file, entry.path().filename().string()));
+    for (const auto& info : parameter_table())
+      CHECK(file.contains(std::string(info.key)));
+    ++files;
+  }
+  CHECK(files >= 5);
+}
+
+TEST_CASE("parameters_schema: describes each key of the table with its default", "[params][unit]") {
+  const Json schema = parameters_schema();
+  CHECK(schema["$schema"] == "https://json-schema.org/draft/2020-12/schema");
+  CHECK(schema["additionalProperties"] == false);
+  const Json defaults = parameters_to_json(Parameters{});
+  for (const auto& info : parameter_table()) {
+    INFO(info.key);
+    const Json& property = schema["properties"][std::string(info.key)];
+    CHECK(property["description"].get<std::string>().size() > 10);
+    CHECK(property["default"] == defaults[std::string(info.key)]);
+    const bool allows_null = property["type"].is_array();
+    CHECK(allows_null == info.is_optional);
+  }
+  CHECK(schema["properties"].size() == parameter_table().size() + 1);  // and "comment"
+  CHECK(schema["properties"]["epsilon"]["exclusiveMinimum"] == 0);
+  CHECK(schema["properties"]["seeding"]["enum"] == Json({"poisson", "dense"}));
+}

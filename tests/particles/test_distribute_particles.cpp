@@ -1,0 +1,361 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/error.h"
+#include "cvmesh/particles/distribute_particles.h"
+#include "cvmesh/particles/particle_energy.h"
+#include "particles/analytic_domain.h"
+#include "support/catch.h"
+
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+
+#include <atomic>
+#include <string>
+
+using namespace cvmesh;
+using namespace cvmesh::test_particles;
+
+namespace {
+
+std::function<double(const Vec3&)> constant(double h) {
+  return [h](const Vec3&) { return h; };
+}
+
+std::vector<Particle> of_dimension(const ParticleSet& set, int dimension) {
+  std::vector<Particle> found;
+  for (const Particle& p : set.particles)
+    if (p.dimension == dimension) found.push_back(p);
+  return found;
+}
+
+DistributeParticlesResult distribute(const AnalyticDomain& domain,
+                                     Seeding seeding = Seeding::Poisson,
+                                     std::uint64_t seed = 1) {
+  const auto context = silent_context(seed);
+  auto seeds = seed_particles(domain.view(), {.seeding = seeding}, context);
+  return distribute_particles(std::move(seeds.particles), domain.view(), {}, context);
+}
+
+double least_distance(const ParticleSet& set) {
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < set.particles.size(); ++i)
+    for (std::size_t j = 0; j < i; ++j)
+      least = std::min(least, distance(set.particles[i].position, set.particles[j].position));
+  return least;
+}
+
+// What insertion relies on, see `Particle`.
+void check_carriers(const ParticleSet& set, const AnalyticDomain& domain) {
+  const auto& dense = domain.dense;
+  const double voxel = domain.level_sets.frame().voxel_mm();
+  for (std::size_t i = 0; i < set.particles.size(); ++i) {
+    const Particle& p = set.particles[i];
+    CAPTURE(i, int(p.dimension), p.carrier[0], p.carrier[1]);
+    if (i > 0) {
+      const Particle& q = set.particles[i - 1];
+      REQUIRE(std::pair(q.dimension, q.stratum) <= std::pair(p.dimension, p.stratum));
+    }
+    REQUIRE(p.h_mm > 0);
+    REQUIRE(p.carrier[0] >= 0);
+    Vec3 nearest;
+    if (p.dimension == 0) {
+      REQUIRE(domain.strata.dimension[p.carrier[0]] == 0);
+      REQUIRE(p.stratum == p.carrier[0]);
+      nearest = dense.points[p.carrier[0]];
+    } else if (p.dimension == 1) {
+      const auto& chain = domain.strata.curves[p.stratum].vertices;
+      const auto at = std::find(chain.begin(), chain.end(), p.carrier[0]) - chain.begin();
+      REQUIRE(std::size_t(at) < chain.size());
+      REQUIRE(chain[(std::size_t(at) + 1) % chain.size()] == p.carrier[1]);
+      nearest = nearest_on_segment(p.position, dense.points[p.carrier[0]],
+                                   dense.points[p.carrier[1]]);
+    } else {
+      REQUIRE(domain.strata.patch_of[p.carrier[0]] == p.stratum);
+      const auto& v = dense.facets[p.carrier[0]];
+      nearest = nearest_on_triangle(p.position, dense.points[v[0]], dense.points[v[1]],
+                                    dense.points[v[2]]);
+    }
+    REQUIRE(distance(p.position, nearest) <= 0.5 * voxel * (1 + 1e-9));
+  }
+}
+
+}  // namespace
+
+TEST_CASE("particle_energy: six neighbours at h give the ideal energy, and derivatives agree",
+          "[particles][unit]") {
+  namespace energy = particle_energy;
+  CHECK(6 * energy::pair(energy::kScale) == Approx(energy::kIdeal));
+  CHECK(energy::pair(1.0) == 0);
+  for (const double d : {0.2, 0.5, 0.9}) {
+    const double e = 1e-5;
+    CHECK((energy::pair(d + e) - energy::pair(d - e)) / (2 * e) ==
+          Approx(energy::slope(d)).epsilon(1e-5));
+    CHECK((energy::slope(d + e) - energy::slope(d - e)) / (2 * e) ==
+          Approx(energy::curvature(d)).epsilon(1e-5));
+  }
+}
+
+TEST_CASE("find_star: hexagon neighbours, the second ring left out, the hole of a missing one",
+          "[particles][unit]") {
+  std::vector<Vec3> offsets;
+  for (int k = 0; k < 6; ++k) {
+    const double angle = std::numbers::pi / 3 * k;
+    offsets.push_back({std::cos(angle), std::sin(angle), 0});
+    offsets.push_back({2 * std::cos(angle), 2 * std::sin(angle), 0});
+  }
+  const auto full = particle_energy::find_star(offsets, {0, 0, 1});
+  CHECK(full.is_closed);
+  CHECK(full.ring.size() == 6);
+  CHECK(full.hole_radius == Approx(1 / std::sqrt(3.0)));
+  offsets.erase(offsets.begin());  // now the one behind it is the neighbour
+  const auto holed = particle_energy::find_star(offsets, {0, 0, 1});
+  CHECK(holed.hole_radius == Approx(1.0));
+  CHECK(holed.hole_centre.x == Approx(1.0));
+  // All neighbours on one side: a rim.
+  const std::vector<Vec3> half{{1, 0, 0}, {0.7, 0.7, 0}, {0, 1, 0}};
+  CHECK_FALSE(particle_energy::find_star(half, {0, 0, 1}).is_closed);
+}
+
+TEST_CASE("distribute_particles: equal spacing h on a sphere, as many as its area holds",
+          "[particles][unit]") {
+  const double radius = 20, h = 2.5;
+  const auto domain = ball(radius, 40, constant(h));
+  const auto result = distribute(domain);
+  check_carriers(result.particles, domain);
+  const double area = 4 * std::numbers::pi * radius * radius;
+  const double expected = 2 / std::sqrt(3.0) * area / (h * h);
+  CHECK(double(result.particles.particles.size()) == Approx(expected).epsilon(0.02));
+  CHECK(result.stats.edge_over_h_mean == Approx(1.0).margin(0.04));
+  CHECK(result.stats.edge_over_h_sd < 0.12);
+  CHECK(result.stats.nearest_over_h_mean > 0.9);
+  CHECK(result.stats.six_neighbour_share > 0.7);
+  CHECK(least_distance(result.particles) > 0.6 * h);
+  CHECK(result.stats.energy.back() < result.stats.energy.front());
+  CHECK(int(result.stats.energy.size()) == result.stats.sweeps);
+}
+
+TEST_CASE("distribute_particles: particles lie on the zero set, within a thousandth of a voxel",
+          "[particles][unit]") {
+  const auto domain = halved_ball(20, 32, constant(3));
+  const auto result = distribute(domain);
+  check_carriers(result.particles, domain);
+  CHECK(result.stats.on_dense_facet <= result.particles.particles.size() / 100);
+  std::size_t off = 0;
+  for (const Particle& p : of_dimension(result.particles, 2)) {
+    const Sides sides = domain.strata.patches[p.stratum].sides;
+    const auto sample =
+        domain.level_sets.sample_difference(sides.inside, sides.outside, p.position);
+    off += std::abs(sample.value) > 1e-3 * norm(sample.gradient);
+  }
+  CHECK(off == result.stats.on_dense_facet);
+  for (const Particle& p : of_dimension(result.particles, 1)) {
+    for (const Sides sides : {Sides{1, 0}, Sides{2, 0}, Sides{2, 1}}) {
+      const auto sample =
+          domain.level_sets.sample_difference(sides.inside, sides.outside, p.position);
+      CHECK(std::abs(sample.value) <= 1e-3 * norm(sample.gradient));
+    }
+  }
+}
+
+TEST_CASE("distribute_particles: spacing follows a graded h", "[particles][unit]") {
+  const auto domain = ball(20, 64, [](const Vec3& p) { return 1.0 + 0.15 * p.z; });
+  const auto result = distribute(domain);
+  CHECK(result.stats.edge_over_h_mean == Approx(1.0).margin(0.05));
+  CHECK(result.stats.edge_over_h_sd < 0.14);
+  // The integral of dA / h^2 over the sphere, z from 4 to 44 around 24.
+  const double integral = 2 * std::numbers::pi * 20 / 0.15 *
+                          (1 / (1 + 0.15 * 4) - 1 / (1 + 0.15 * 44));
+  CHECK(double(result.particles.particles.size()) ==
+        Approx(2 / std::sqrt(3.0) * integral).epsilon(0.03));
+  for (const Particle& p : result.particles.particles)
+    CHECK(p.h_mm == Approx(1.0 + 0.15 * p.position.z).epsilon(0.05));
+}
+
+TEST_CASE("seed_particles: a closed curve is divided evenly by the integral of ds over h",
+          "[particles][unit]") {
+  const auto domain = halved_ball(20, 32, constant(3));
+  const auto context = silent_context();
+  const auto seeds = seed_particles(domain.view(), {}, context);
+  const auto on_curve = of_dimension(seeds.particles, 1);
+  const double length = 2 * std::numbers::pi * 20;
+  REQUIRE(on_curve.size() == std::size_t(std::lround(length / 3)));
+  CHECK(seeds.stats.curve_particles == on_curve.size());
+  const double step = 2 * 20 * std::sin(std::numbers::pi / double(on_curve.size()));
+  for (std::size_t i = 0; i < on_curve.size(); ++i)
+    CHECK(distance(on_curve[i].position, on_curve[(i + 1) % on_curve.size()].position) ==
+          Approx(step).epsilon(0.02));
+}
+
+TEST_CASE("distribute_particles: corners and curve particles do not move", "[particles][unit]") {
+  for (const auto& domain : {halved_ball(12, 16, constant(2)), full_box(13, 20, constant(2))}) {
+    const auto context = silent_context();
+    const auto seeds = seed_particles(domain.view(), {}, context);
+    const auto result = distribute_particles(seeds.particles, domain.view(), {}, context);
+    for (std::size_t i = 0; i < seeds.particles.particles.size(); ++i) {
+      const Particle& before = seeds.particles.particles[i];
+      if (before.dimension == 2) break;
+      CHECK(result.particles.particles[i].position == before.position);
+      CHECK(result.particles.particles[i].carrier[0] == before.carrier[0]);
+    }
+  }
+}
+
+TEST_CASE("distribute_particles: on the border of the image points keep to planes and edges",
+          "[particles][unit]") {
+  const int n = 21;
+  const auto domain = full_box(n, 30, constant(3));
+  const auto result = distribute(domain);
+  check_carriers(result.particles, domain);
+  const auto corners = of_dimension(result.particles, 0);
+  CHECK(corners.size() == 8);
+  // Edges of 21 mm in seven parts.
+  CHECK(of_dimension(result.particles, 1).size() == 12 * 6);
+  const auto on_border = [n](double x) { return x == -0.5 || x == n - 0.5; };
+  for (const Particle& p : result.particles.particles) {
+    int count = 0;
+    for (int axis = 0; axis < 3; ++axis) count += on_border(p.position[axis]) ? 1 : 0;
+    CHECK(count == 3 - int(p.dimension));
+  }
+  // Six flat squares: n^2 2 / sqrt 3 / h^2 - rim / 2 + 1 each.
+  const double per_wall = 2 / std::sqrt(3.0) * 49 - 14 + 1;
+  CHECK(double(of_dimension(result.particles, 2).size()) == Approx(6 * per_wall).margin(6));
+  CHECK(least_distance(result.particles) > 0.5 * 3);
+}
+
+TEST_CASE("seed_particles: small closed components get their guards, evenly spread",
+          "[particles][unit]") {
+  const Vec3 a{14, 14, 14}, b{30, 30, 30};
+  const auto domain = ellipsoids(40, {{a, {8, 8, 8}, 16}, {b, {1.5, 1.5, 1.5}, 1}}, constant(30));
+  const auto context = silent_context();
+  const auto seeds = seed_particles(domain.view(), {}, context);
+  std::size_t at_a = 0, at_b = 0;
+  for (const Particle& p : seeds.particles.particles)
+    (distance(p.position, a) < 10 ? at_a : at_b) += 1;
+  CHECK(at_a == 12);
+  CHECK(at_b == 6);  // an octahedron has no more dense vertices
+  CHECK(seeds.stats.guard_particles >= 12 + 6 - 3);
+  const auto result = distribute_particles(seeds.particles, domain.view(), {}, context);
+  check_carriers(result.particles, domain);
+  CHECK(result.particles.particles.size() == 18);
+  std::vector<Particle> around_a;
+  for (const Particle& p : result.particles.particles)
+    if (distance(p.position, a) < 10) around_a.push_back(p);
+  // Twelve on a sphere: close to the icosahedron's edge of 1.05 radii.
+  CHECK(least_distance({around_a}) > 0.85 * 8);
+  CHECK(least_distance(result.particles) > 0.5);
+}
+
+TEST_CASE("seed_particles: of the three discs of a halved ball two get an inner particle",
+          "[particles][unit]") {
+  const auto domain = halved_ball(3, 6, constant(20));
+  const auto context = silent_context();
+  const auto seeds = seed_particles(domain.view(), {}, context);
+  CHECK(of_dimension(seeds.particles, 1).size() == 4);
+  std::vector<int> inner(3, 0);
+  for (const Particle& p : of_dimension(seeds.particles, 2)) {
+    ++inner[p.stratum];
+    CHECK(p.origin == ParticleOrigin::Guard);
+  }
+  CHECK(std::count(inner.begin(), inner.end(), 1) == 2);
+  const auto result = distribute_particles(seeds.particles, domain.view(), {}, context);
+  CHECK(result.particles.particles.size() == seeds.particles.particles.size());
+  CHECK(least_distance(result.particles) > 0.5);
+}
+
+TEST_CASE("distribute_particles: the walls of a thin sheet do not see each other",
+          "[particles][unit]") {
+  // 2 mm thick with h = 4: the other wall is nearer than any neighbour.
+  const auto domain = ellipsoids(49, {{{24, 24, 24}, {20, 20, 1}, 48}}, constant(4));
+  const auto result = distribute(domain);
+  check_carriers(result.particles, domain);
+  std::size_t upper = 0;
+  for (const Particle& p : result.particles.particles) upper += p.position.z > 24;
+  const auto count = double(result.particles.particles.size());
+  // Each wall holds what its own area does: about pi 20^2 2 / sqrt 3 / 16 = 91.
+  CHECK(double(upper) == Approx(91).epsilon(0.12));
+  CHECK(count - double(upper) == Approx(91).epsilon(0.12));
+  CHECK(result.stats.nearest_over_h_mean > 0.85);
+  CHECK(least_distance(result.particles) > 0.1);
+}
+
+TEST_CASE("distribute_particles: the paper's dense seeds reach the same layout",
+          "[particles][unit]") {
+  const auto domain = ball(20, 40, constant(4));
+  const auto context = silent_context();
+  const auto dense = seed_particles(domain.view(), {.seeding = Seeding::Dense}, context);
+  // About one per voxel of area, times 2 / sqrt 3, as far as random discs pack.
+  CHECK(dense.stats.interface_particles > 4000);
+  const auto thinned = distribute_particles(dense.particles, domain.view(), {}, context);
+  const auto poisson = distribute(domain);
+  check_carriers(thinned.particles, domain);
+  CHECK(thinned.stats.thinning_rounds > 3);
+  CHECK(thinned.particles.particles.size() == poisson.particles.particles.size());
+  CHECK(thinned.stats.energy.back() == Approx(poisson.stats.energy.back()).epsilon(0.03));
+  CHECK(thinned.stats.edge_over_h_sd < 0.13);
+}
+
+TEST_CASE("distribute_particles: too many or too few particles are brought to the right count",
+          "[particles][unit]") {
+  const auto sparse = ball(20, 40, constant(3)), coarse = ball(20, 40, constant(3.6));
+  const auto context = silent_context();
+  const auto few = seed_particles(coarse.view(), {}, context);
+  auto result = distribute_particles(few.particles, sparse.view(), {}, context);
+  // h of the particles is the field's (one lowered h marks a guarded sheet), so take it over.
+  const auto expected = seed_particles(sparse.view(), {}, context).stats.interface_particles;
+  auto set = few.particles;
+  for (Particle& p : set.particles) p.h_mm = 3;
+  result = distribute_particles(set, sparse.view(), {}, context);
+  CHECK(result.particles.particles.size() == expected);
+  CHECK(result.stats.split > result.stats.deleted);
+  CHECK(result.stats.edge_over_h_sd < 0.14);
+}
+
+TEST_CASE("seed_particles, distribute_particles: another seed, another layout; same seed, same",
+          "[particles][unit]") {
+  const auto domain = ball(12, 20, constant(3));
+  const auto first = distribute(domain), again = distribute(domain),
+             other = distribute(domain, Seeding::Poisson, 2);
+  REQUIRE(first.particles.particles.size() == again.particles.particles.size());
+  for (std::size_t i = 0; i < first.particles.particles.size(); ++i)
+    CHECK(first.particles.particles[i].position == again.particles.particles[i].position);
+  CHECK_FALSE(first.particles.particles[0].position == other.particles.particles[0].position);
+}
+
+TEST_CASE("seed_particles, distribute_particles: same bytes at 1, 2 and 8 threads",
+          "[particles][determinism]") {
+  for (const Seeding seeding : {Seeding::Poisson, Seeding::Dense}) {
+    const auto domain = halved_ball(16, 24, [](const Vec3& p) { return 1.5 + 0.1 * p.x; });
+    std::vector<DistributeParticlesResult> results;
+    for (const int threads : {1, 2, 8}) {
+      const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 8);
+      tbb::task_arena arena(threads);
+      arena.execute([&] { results.push_back(distribute(domain, seeding)); });
+    }
+    for (std::size_t r = 1; r < results.size(); ++r) {
+      const auto& a = results[0].particles.particles;
+      const auto& b = results[r].particles.particles;
+      REQUIRE(a.size() == b.size());
+      bool is_same = true;
+      for (std::size_t i = 0; i < a.size(); ++i)
+        is_same = is_same && a[i].position == b[i].position && a[i].h_mm == b[i].h_mm &&
+                  a[i].carrier[0] == b[i].carrier[0] && a[i].carrier[1] == b[i].carrier[1] &&
+                  a[i].stratum == b[i].stratum && a[i].origin == b[i].origin;
+      CHECK(is_same);
+      CHECK(results[0].stats.energy == results[r].stats.energy);
+      CHECK(results[0].stats.edge_over_h_sd == results[r].stats.edge_over_h_sd);
+    }
+  }
+}
+
+TEST_CASE("seed_particles, distribute_particles: errors name the value and the bound",
+          "[particles][unit]") {
+  const auto domain = ball(6, 6, constant(3));
+  const auto context = silent_context();
+  CHECK_THROWS_WITH(seed_particles(domain.view(), {.min_component_particles = 3}, context),
+                    Catch::Contains("min_component_particles (3)"));
+  CHECK_THROWS_WITH(distribute_particles({}, domain.view(), {.max_sweeps = -1}, context),
+                    Catch::Contains("max_sweeps (-1)"));
+  std::atomic<bool> cancel{true};
+  auto cancelled = context;
+  cancelled.cancel = &cancel;
+  CHECK_THROWS_AS(seed_particles(domain.view(), {}, cancelled), Error);
+}

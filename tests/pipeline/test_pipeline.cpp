@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/error.h"
+#include "cvmesh/io/json_io.h"
+#include "cvmesh/pipeline/output_folder.h"
+#include "cvmesh/pipeline/pipeline.h"
+#include "cvmesh/pipeline/stage_names.h"
+
+#include <nlohmann/json.hpp>
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+
+#include "support/catch.h"
+#include "support/phantoms.h"
+#include "support/test_data.h"
+#include "support/volume_file.h"
+#include <algorithm>
+#include <atomic>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <string>
+#include <vector>
+
+using namespace cvmesh;
+namespace fs = std::filesystem;
+
+namespace {
+
+/// Records what a progress sink is told.
+class Recorder : public ProgressSink {
+ public:
+  std::vector<std::string> begun, ended;
+  bool is_ordered = true;
+
+  void begin(std::string_view stage) override {
+    begun.emplace_back(stage);
+    last_ = 0;
+  }
+
+  void advance(std::string_view stage, double fraction) override {
+    is_ordered = is_ordered && stage == begun.back() && fraction >= last_ && fraction <= 1;
+    last_ = fraction;
+  }
+
+  void end(std::string_view stage, double seconds, std::string_view summary) override {
+    ended.emplace_back(stage);
+    is_ordered = is_ordered && seconds >= 0 && !summary.empty();
+  }
+
+ private:
+  double last_ = 0;
+};
+
+RunRequest request_for(const fs::path& input, const fs::path& out) {
+  RunRequest request;
+  request.input = input;
+  request.out_dir = out;
+  request.parameters.sizing.epsilon = 1.5;
+  return request;
+}
+
+std::string bytes_of(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+std::vector<std::string> names_in(const fs::path& folder) {
+  std::vector<std::string> names;
+  for (const auto& entry : fs::directory_iterator(folder))
+    names.push_back(entry.path().filename().string());
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+}  // namespace
+
+TEST_CASE("input_stem: takes off the suffixes of all formats", "[pipeline][unit]") {
+  CHECK(input_stem("/data/a.nii.gz") == "a");
+  CHECK(input_stem("a.nii") == "a");
+  CHECK(input_stem("a.b.mha") == "a.b");
+  CHECK(input_stem("x/a.nrrd") == "a");
+}
+
+TEST_CASE("run_pipeline: every stage runs once, in order, and reports its progress",
+          "[pipeline][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::nested_balls(5, 9));
+  Recorder recorder;
+  StageContext context = silent_context();
+  context.progress = &recorder;
+  const RunResult result = run_pipeline(request_for(folder / "a.nii", folder / "out"), context);
+
+  using namespace stage_names;
+  // Local feature size and sizing field are two steps of one stage.
+  const std::vector<std::string> expected = {
+      kRead,         kLabels,      kLevelSets,     kTightening, kDenseSurfaces, kMedialAxis,
+      kSizingField,  kSizingField, kSeedParticles, kParticles,  kInsertion,     kDecimation,
+      kEdgeFlipping, kTetrahedra,  kMetrics,       kWrite};
+  CHECK(recorder.begun == expected);
+  CHECK(recorder.ended == expected);
+  CHECK(recorder.is_ordered);
+  CHECK(result.report.timings.size() == expected.size() - 1);
+  CHECK(names_in(folder / "out") ==
+        std::vector<std::string>{"a.mesh", "a.metrics.json", "a.surface.vtp", "a.vtu"});
+  CHECK(result.files.back().filename() == "a.metrics.json");
+
+  const auto json = read_json(folder / "out" / "a.metrics.json");
+  CHECK(json["status"] == "success");
+  CHECK(json["results"]["checks"]["tets_are_valid"] == true);
+  CHECK(json["results"]["labels"].size() == 2);
+  for (const auto& label : json["results"]["labels"]) {
+    INFO(label.dump());
+    CHECK(label["tets"] > 0);
+    // A ball of 5 voxels loses at most a few percent to the chords of its facets.
+    CHECK(std::abs(label["volume"]["relative_error"].get<double>()) < 0.15);
+    CHECK(label["topology"]["mesh"]["components"] == 1);
+  }
+}
+
+TEST_CASE("run_pipeline: stages are kept on demand", "[pipeline][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(6));
+  RunRequest request = request_for(folder / "a.nii", folder / "out");
+  request.keep_stages = true;
+  request.surface_only = true;
+  run_pipeline(request, silent_context());
+  CHECK(names_in(folder / "out") ==
+        std::vector<std::string>{"a.metrics.json", "a.surface.vtp", "stages"});
+  CHECK(names_in(folder / "out/stages") ==
+        std::vector<std::string>{"augmented.off", "dense.off", "medial_axis.vtp", "particles.vtp",
+                                 "sizing_field.vtp", "sparse.off"});
+}
+
+TEST_CASE("run_pipeline: target_vertices is met within two percent", "[pipeline][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(12));
+  RunRequest request = request_for(folder / "a.nii", folder / "out");
+  request.surface_only = true;
+  request.parameters.target_vertices = 400;
+  const Report report = run_pipeline(request, silent_context()).report;
+  REQUIRE(report.stages.epsilon_search);
+  CHECK(std::abs(static_cast<double>(report.particle_counts->total) - 400) <= 8);
+  CHECK(report.stages.epsilon_search->particles == report.particle_counts->total);
+  CHECK(report.stages.epsilon_search->epsilon > 0);
+}
+
+TEST_CASE("run_pipeline: a failed run leaves its failure file only, a success removes it",
+          "[pipeline][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(6));
+  RunRequest request = request_for(folder / "a.nii", folder / "out");
+  request.surface_only = true;
+  run_pipeline(request, silent_context());
+  CHECK(fs::exists(folder / "out/a.metrics.json"));
+
+  RunRequest bad = request;
+  bad.keep_stages = true;
+  bad.parameters.clean_labels.drop_labels = {77};
+  CHECK_THROWS_AS(run_pipeline(bad, silent_context()), Error);
+  CHECK(names_in(folder / "out") == std::vector<std::string>{"a.failed.json"});
+  const auto failure = read_json(folder / "out/a.failed.json");
+  CHECK(failure["code"] == "BadParameter");
+  CHECK(failure["message"].get<std::string>().find("77") != std::string::npos);
+
+  run_pipeline(request, silent_context());
+  CHECK(names_in(folder / "out") == std::vector<std::string>{"a.metrics.json", "a.surface.vtp"});
+}
+
+TEST_CASE("run_pipeline: a cancel ends the run and leaves no mesh", "[pipeline][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(6));
+  const std::atomic<bool> cancel = true;
+  StageContext context = silent_context();
+  context.cancel = &cancel;
+  try {
+    run_pipeline(request_for(folder / "a.nii", folder / "out"), context);
+    FAIL("the run was not cancelled");
+  } catch (const Error& error) {
+    CHECK(error.code() == ErrorCode::Limit);
+  }
+  CHECK(names_in(folder / "out") == std::vector<std::string>{"a.failed.json"});
+}
+
+TEST_CASE("run_pipeline: one, two and eight threads write the same bytes",
+          "[pipeline][determinism]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::four_material_corner(9));
+  std::map<std::string, std::string> first;
+  for (const std::size_t threads : {1U, 2U, 8U}) {
+    const tbb::global_control control(tbb::global_control::max_allowed_parallelism, threads);
+    tbb::task_arena arena(static_cast<int>(threads));
+    const fs::path out = folder / std::to_string(threads);
+    arena.execute([&] { run_pipeline(request_for(folder / "a.nii", out), silent_context()); });
+    for (const char* name : {"a.vtu", "a.mesh", "a.surface.vtp"}) {
+      INFO(name << " with " << threads << " threads");
+      const std::string bytes = bytes_of(out / name);
+      CHECK_FALSE(bytes.empty());
+      const bool is_equal = first.try_emplace(name, bytes).first->second == bytes;
+      CHECK(is_equal);
+    }
+    auto json = read_json(out / "a.metrics.json");
+    json.erase("timings");
+    const bool is_equal = first.try_emplace("results", json.dump()).first->second == json.dump();
+    CHECK(is_equal);
+  }
+}

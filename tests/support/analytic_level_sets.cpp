@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "support/analytic_level_sets.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+
+namespace cvmesh::test_support {
+namespace {
+
+constexpr double kVoxelsToOne = 1.5;
+constexpr double kMargin = 0.05;
+
+// Distance in index space: the distance in mm over the length of its gradient per index step.
+double in_voxels(const GridFrame& frame,
+                 const Vec3& p,
+                 const std::function<double(const Vec3&)>& distance_mm) {
+  const double d = distance_mm(p);
+  double slope2 = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    Vec3 step;
+    step[axis] = 0.5 * frame.spacing_mm[axis];
+    const double slope = distance_mm(p + step) - distance_mm(p - step);
+    slope2 += slope * slope;
+  }
+  // At a medial point the differences cancel; the smallest spacing is the least the slope can be.
+  return d / std::max(std::sqrt(slope2), frame.voxel_mm());
+}
+
+}  // namespace
+
+GridFrame plain_frame(const std::array<int, 3>& dims, const Vec3& spacing_mm) {
+  GridFrame frame;
+  frame.dims = dims;
+  frame.spacing_mm = spacing_mm;
+  frame.index_to_world.rows = {Vec3{spacing_mm.x, 0, 0}, Vec3{0, spacing_mm.y, 0},
+                               Vec3{0, 0, spacing_mm.z}};
+  return frame;
+}
+
+Vec3 middle_of(const GridFrame& frame) {
+  return frame.index_to_mm(
+      {0.5 * (frame.dims[0] - 1), 0.5 * (frame.dims[1] - 1), 0.5 * (frame.dims[2] - 1)});
+}
+
+LevelSets analytic_level_sets(const GridFrame& frame,
+                              std::size_t material_count,
+                              const SignedDistance& signed_distance_mm) {
+  auto labels = std::make_shared<Grid<MaterialId>>(frame);
+  for (int k = 0; k < frame.dims[2]; ++k)
+    for (int j = 0; j < frame.dims[1]; ++j)
+      for (int i = 0; i < frame.dims[0]; ++i) {
+        const Vec3 p = frame.index_to_mm({double(i), double(j), double(k)});
+        double best = -std::numeric_limits<double>::infinity();
+        for (std::size_t m = 0; m < material_count; ++m) {
+          const double d = signed_distance_mm(static_cast<MaterialId>(m), p);
+          if (d > best) {
+            best = d;
+            (*labels)(i, j, k) = static_cast<MaterialId>(m);
+          }
+        }
+      }
+
+  LevelSets result;
+  result.labels = labels;
+  result.fields.resize(material_count);
+  constexpr int kBlock = SparseLevelSet::kBlock;
+  for (std::size_t m = 0; m < material_count; ++m) {
+    SparseLevelSet& field = result.fields[m];
+    for (int axis = 0; axis < 3; ++axis)
+      field.blocks[axis] = (frame.dims[axis] + kBlock - 1) / kBlock;
+    std::int32_t stored = 0;
+    for (int bk = 0; bk < field.blocks[2]; ++bk)
+      for (int bj = 0; bj < field.blocks[1]; ++bj)
+        for (int bi = 0; bi < field.blocks[0]; ++bi) {
+          field.block_at.push_back(stored++);
+          for (int n = 0; n < kBlock * kBlock * kBlock; ++n) {
+            const int i = std::min(bi * kBlock + n % kBlock, frame.dims[0] - 1);
+            const int j = std::min(bj * kBlock + n / kBlock % kBlock, frame.dims[1] - 1);
+            const int k = std::min(bk * kBlock + n / kBlock / kBlock, frame.dims[2] - 1);
+            const Vec3 p = frame.index_to_mm({double(i), double(j), double(k)});
+            const double d = in_voxels(frame, p, [&](const Vec3& q) {
+                               return signed_distance_mm(static_cast<MaterialId>(m), q);
+                             }) / kVoxelsToOne;
+            field.values.push_back(static_cast<float>((*labels)(i, j, k) == m
+                                                          ? std::clamp(d, kMargin, 1.0)
+                                                          : std::clamp(d, -1.0, -kMargin)));
+          }
+        }
+  }
+  return result;
+}
+
+LevelSets analytic_level_sets(const GridFrame& frame,
+                              const std::function<double(const Vec3&)>& signed_distance_mm) {
+  return analytic_level_sets(frame, 2, [&](MaterialId m, const Vec3& p) {
+    return m == 1 ? signed_distance_mm(p) : -signed_distance_mm(p);
+  });
+}
+
+}  // namespace cvmesh::test_support

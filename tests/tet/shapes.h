@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include <array>
+#include <functional>
+
+#include "cvmesh/core/context.h"
+#include "cvmesh/mesh/interface_mesh.h"
+#include "cvmesh/sizing/sizing_field.h"
+
+/// Closed surfaces with known volumes, made by subdivision, for the tests of the tet stage.
+namespace cvmesh::shapes {
+
+/// The sphere with `4^levels * 20` facets: a subdivided icosahedron, vertices on the sphere.
+InterfaceMesh sphere(const Vec3& centre, double radius, int levels, Sides sides);
+
+/// The box [lo, hi] with n x n x n quads a side, each cut in two.
+InterfaceMesh box(const Vec3& lo, const Vec3& hi, int n, Sides sides);
+
+/// A torus around the z axis with `around` x `across` quads, each cut in two.
+InterfaceMesh torus(double major, double minor, int around, int across, Sides sides);
+
+/// One tet with corners at the origin and on the axes at `size`.
+InterfaceMesh single_tet(double size, Sides sides);
+
+/// Both meshes in one; points that agree to the last bit become one, and a facet that both have
+/// becomes one facet between the two insides.
+InterfaceMesh join(const InterfaceMesh& a, const InterfaceMesh& b);
+
+/// Volume on the inside of the facets whose sides are exactly `sides`.
+double enclosed_volume(const InterfaceMesh& mesh, Sides sides);
+
+/// h given by a function on a grid of 33^3 nodes over [lo, hi], which must start at the origin of
+/// grid millimetres.
+SizingField sizing(const Vec3& hi, const std::function<double(const Vec3&)>& h);
+
+/// Points the library to the helper program unless the environment already does.
+void find_helper();
+
+}  // namespace cvmesh::shapes
