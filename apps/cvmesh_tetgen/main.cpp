@@ -9,23 +9,21 @@
 #ifndef TETLIBRARY
 #define TETLIBRARY
 #endif
-#include <tetgen.h>
+#include "cvmesh/tet/tetgen_protocol.h"
 
-#include <sys/prctl.h>
-#include <sys/resource.h>
-#include <unistd.h>
+#include <tetgen.h>
 
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
-#include <new>
-#include <typeinfo>
-#include <vector>
-
 #include <dlfcn.h>
-
-#include "cvmesh/tet/tetgen_protocol.h"
+#include <new>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <typeinfo>
+#include <unistd.h>
+#include <vector>
 
 namespace {
 
@@ -163,10 +161,11 @@ Reply take(const tetgenio& out) {
   reply.tets.resize(tets);
   reply.region_of.assign(tets, 0);
   for (std::size_t t = 0; t < tets; ++t) {
-    for (std::size_t k = 0; k < 4; ++k) reply.tets[t][k] = out.tetrahedronlist[corners * t + k];
+    for (std::size_t k = 0; k < 4; ++k)
+      reply.tets[t][k] = out.tetrahedronlist[corners * t + k];
     if (attributes > 0)  // the region is the last attribute
-      reply.region_of[t] = static_cast<std::int32_t>(
-          out.tetrahedronattributelist[attributes * t + attributes - 1]);
+      reply.region_of[t] =
+          static_cast<std::int32_t>(out.tetrahedronattributelist[attributes * t + attributes - 1]);
   }
   return reply;
 }

@@ -49,15 +49,17 @@ InterfaceMesh corner_tetrahedron(double size) {
 
 InterfaceMesh sphere(const Vec3& centre, double radius, int levels, Sides sides) {
   const double t = (1 + std::sqrt(5.0)) / 2;
-  std::vector<Vec3> points{{-1, t, 0},  {1, t, 0},  {-1, -t, 0}, {1, -t, 0},
-                           {0, -1, t},  {0, 1, t},  {0, -1, -t}, {0, 1, -t},
-                           {t, 0, -1},  {t, 0, 1},  {-t, 0, -1}, {-t, 0, 1}};
+  std::vector<Vec3> points{{-1, t, 0}, {1, t, 0}, {-1, -t, 0}, {1, -t, 0},
+                           {0, -1, t}, {0, 1, t}, {0, -1, -t}, {0, 1, -t},
+                           {t, 0, -1}, {t, 0, 1}, {-t, 0, -1}, {-t, 0, 1}};
   std::vector<Triangle> facets{{0, 11, 5}, {0, 5, 1},  {0, 1, 7},   {0, 7, 10}, {0, 10, 11},
                                {1, 5, 9},  {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8},
                                {3, 9, 4},  {3, 4, 2},  {3, 2, 6},   {3, 6, 8},  {3, 8, 9},
                                {4, 9, 5},  {2, 4, 11}, {6, 2, 10},  {8, 6, 7},  {9, 8, 1}};
-  for (int level = 0; level < levels; ++level) subdivide(points, facets);
-  for (Vec3& p : points) p = centre + radius * normalized(p);
+  for (int level = 0; level < levels; ++level)
+    subdivide(points, facets);
+  for (Vec3& p : points)
+    p = centre + radius * normalized(p);
   return with_sides(std::move(points), std::move(facets), sides);
 }
 
@@ -93,7 +95,8 @@ TetMesh two_material_cube() {
       open.erase(found);
     }
   }
-  for (const auto& [key, face] : open) add(face.first, {face.second, kExterior});
+  for (const auto& [key, face] : open)
+    add(face.first, {face.second, kExterior});
   return mesh;
 }
 

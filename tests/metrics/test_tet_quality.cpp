@@ -3,13 +3,12 @@
 #include "cvmesh/metrics/tet_quality.h"
 #include "cvmesh/metrics/volume_error.h"
 
+#include "metrics/simple_meshes.h"
+#include "support/catch.h"
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <numeric>
-
-#include "metrics/simple_meshes.h"
-#include "support/catch.h"
 
 using namespace cvmesh;
 
@@ -23,11 +22,11 @@ const double kRegularDihedral = std::acos(1.0 / 3) * 180 / std::numbers::pi;
 TEST_CASE("tet_shape: a regular tet is 1, 1 and acos(1/3) at every edge", "[metrics][unit]") {
   // Alternate corners of a cube, far from the origin and not of unit size.
   const Vec3 o{100, -50, 7};
-  const TetShape shape =
-      tet_shape(o, o + Vec3{3, 3, 0}, o + Vec3{0, 3, 3}, o + Vec3{3, 0, 3});
+  const TetShape shape = tet_shape(o, o + Vec3{3, 3, 0}, o + Vec3{0, 3, 3}, o + Vec3{3, 0, 3});
   CHECK(shape.radius_ratio == Approx(1).epsilon(kExact));
   CHECK(shape.scaled_jacobian == Approx(1).epsilon(kExact));
-  for (const double angle : shape.dihedral_deg) CHECK(angle == Approx(kRegularDihedral));
+  for (const double angle : shape.dihedral_deg)
+    CHECK(angle == Approx(kRegularDihedral));
 }
 
 TEST_CASE("tet_shape: the corner of a cube has its known angles and ratios", "[metrics][unit]") {
@@ -37,8 +36,10 @@ TEST_CASE("tet_shape: the corner of a cube has its known angles and ratios", "[m
   // Three edges meet at right angles; at (1,0,0) the lengths are 1, sqrt 2, sqrt 2.
   CHECK(shape.scaled_jacobian == Approx(std::sqrt(2.0) / 2));
   const double slanted = std::acos(1 / std::sqrt(3.0)) * 180 / std::numbers::pi;
-  for (const int right : {0, 1, 2}) CHECK(shape.dihedral_deg[right] == Approx(90));
-  for (const int other : {3, 4, 5}) CHECK(shape.dihedral_deg[other] == Approx(slanted));
+  for (const int right : {0, 1, 2})
+    CHECK(shape.dihedral_deg[right] == Approx(90));
+  for (const int other : {3, 4, 5})
+    CHECK(shape.dihedral_deg[other] == Approx(slanted));
 }
 
 TEST_CASE("tet_shape: flat and inverted tets score zero and below", "[metrics][unit]") {

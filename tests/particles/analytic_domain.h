@@ -152,8 +152,46 @@ inline AnalyticDomain ball(double radius, int parts, const std::function<double(
   return ellipsoids(n, {{centre, {radius, radius, radius}, parts}}, h);
 }
 
-/// A ball of materials 1 (above) and 2 (below), a junction curve around its middle. With `discs`
-/// of 2 the lower half keeps its name and a lens of material 3 between two discs fills the middle.
+/// A torus around z; with `open_parts` > 0 that many of its sectors are missing and a tube remains
+/// (which is not a closed surface: for functions that look at one sheet only).
+inline AnalyticDomain torus(double major,
+                            double minor,
+                            int sectors,
+                            int ring,
+                            const std::function<double(const Vec3&)>& h,
+                            int open_parts = 0) {
+  AnalyticDomain domain;
+  const int n = static_cast<int>(2 * (major + minor)) + 9;
+  const double middle = 0.5 * (n - 1);
+  const Vec3 centre{middle, middle, middle};
+  const int last = sectors - open_parts;
+  const int columns = open_parts > 0 ? last + 1 : sectors;
+  for (int i = 0; i < columns; ++i)
+    for (int j = 0; j < ring; ++j) {
+      const double u = 2 * std::numbers::pi * i / sectors, v = 2 * std::numbers::pi * j / ring;
+      const double r = major + minor * std::cos(v);
+      domain.dense.points.push_back(
+          centre + Vec3{r * std::cos(u), r * std::sin(u), minor * std::sin(v)});
+    }
+  for (int i = 0; i < last; ++i)
+    for (int j = 0; j < ring; ++j) {
+      const auto at = [&](int a, int b) { return (a % columns) * ring + b % ring; };
+      domain.dense.facets.push_back({at(i, j), at(i + 1, j), at(i + 1, j + 1)});
+      domain.dense.facets.push_back({at(i, j), at(i + 1, j + 1), at(i, j + 1)});
+      domain.dense.patch_of.push_back({{1, 0}, 0});
+      domain.dense.patch_of.push_back({{1, 0}, 0});
+    }
+  const auto inside = [=](const Vec3& p) {
+    const Vec3 q = p - centre;
+    return minor - std::hypot(std::hypot(q.x, q.y) - major, q.z);
+  };
+  domain.level_sets =
+      make_level_sets(cubic_frame(n), {[inside](const Vec3& p) { return -inside(p); }, inside});
+  finish(domain, h);
+  return domain;
+}
+
+/// A ball of materials 1 (above) and 2 (below), a junction curve around its middle.
 inline AnalyticDomain halved_ball(double radius,
                                   int parts,
                                   const std::function<double(const Vec3&)>& h) {

@@ -2,6 +2,7 @@
 #include "cvmesh/core/error.h"
 #include "cvmesh/particles/distribute_particles.h"
 #include "cvmesh/particles/particle_energy.h"
+#include "cvmesh/particles/short_loops.h"
 #include "particles/analytic_domain.h"
 #include "support/catch.h"
 
@@ -9,6 +10,8 @@
 #include <tbb/task_arena.h>
 
 #include <atomic>
+#include <numeric>
+#include <set>
 #include <string>
 
 using namespace cvmesh;
@@ -295,18 +298,68 @@ TEST_CASE("distribute_particles: the paper's dense seeds reach the same layout",
 
 TEST_CASE("distribute_particles: too many or too few particles are brought to the right count",
           "[particles][unit]") {
-  const auto sparse = ball(20, 40, constant(3)), coarse = ball(20, 40, constant(3.6));
+  const auto domain = ball(20, 40, constant(3));
   const auto context = silent_context();
-  const auto few = seed_particles(coarse.view(), {}, context);
-  auto result = distribute_particles(few.particles, sparse.view(), {}, context);
-  // h of the particles is the field's (one lowered h marks a guarded sheet), so take it over.
-  const auto expected = seed_particles(sparse.view(), {}, context).stats.interface_particles;
-  auto set = few.particles;
-  for (Particle& p : set.particles) p.h_mm = 3;
-  result = distribute_particles(set, sparse.view(), {}, context);
-  CHECK(result.particles.particles.size() == expected);
-  CHECK(result.stats.split > result.stats.deleted);
-  CHECK(result.stats.edge_over_h_sd < 0.14);
+  const auto expected = seed_particles(domain.view(), {}, context).stats.interface_particles;
+  for (const double seed_h : {2.6, 3.5}) {
+    const auto other = ball(20, 40, constant(seed_h));
+    auto set = seed_particles(other.view(), {}, context).particles;
+    for (Particle& p : set.particles) p.h_mm = 3;
+    const auto result = distribute_particles(set, domain.view(), {}, context);
+    CHECK(result.particles.particles.size() == expected);
+    CHECK((result.stats.split > result.stats.deleted) == (seed_h > 3));
+    CHECK(result.stats.edge_over_h_sd < 0.14);
+  }
+}
+
+TEST_CASE("lower_h_at_short_loops: room around a tube and a torus, spheres and discs untouched",
+          "[particles][unit]") {
+  const auto all_facets = [](const AnalyticDomain& domain) {
+    std::vector<std::int32_t> facets(domain.dense.facets.size());
+    std::iota(facets.begin(), facets.end(), 0);
+    return facets;
+  };
+  const double minor = 3, around = 2 * std::numbers::pi * minor;
+  for (const int open_parts : {0, 20}) {
+    const auto domain = torus(14, minor, 60, 20, constant(20), open_parts);
+    auto h = domain.sizing_field.h_mm;
+    REQUIRE(lower_h_at_short_loops(domain.dense, all_facets(domain), 0.4, h));
+    // Three particles fit around the tube, but not twice as many.
+    CHECK(*std::max_element(h.begin(), h.end()) < around / 3);
+    CHECK(*std::min_element(h.begin(), h.end()) > around / 6);
+    auto fine = std::vector<double>(h.size(), around / 6);
+    CHECK_FALSE(lower_h_at_short_loops(domain.dense, all_facets(domain), 0.4, fine));
+  }
+  // A narrow waist is no tunnel.
+  const auto closed = ellipsoids(49, {{{24, 24, 24}, {20, 2, 2}, 24}}, constant(20));
+  auto h = closed.sizing_field.h_mm;
+  CHECK_FALSE(lower_h_at_short_loops(closed.dense, all_facets(closed), 0.4, h));
+  const auto halved = halved_ball(12, 12, constant(30));
+  std::vector<std::int32_t> disc;
+  for (std::size_t f = 0; f < halved.dense.facets.size(); ++f)
+    if (halved.dense.patch_of[f].sides == Sides{2, 1}) disc.push_back(static_cast<std::int32_t>(f));
+  h = halved.sizing_field.h_mm;
+  CHECK_FALSE(lower_h_at_short_loops(halved.dense, disc, 0.4, h));
+}
+
+TEST_CASE("distribute_particles: a torus keeps three particles around its tube at any h",
+          "[particles][unit]") {
+  const auto domain = torus(14, 3, 60, 20, constant(20));
+  const auto context = silent_context();
+  const auto seeds = seed_particles(domain.view(), {}, context);
+  CHECK(seeds.stats.guard_particles > 20);
+  const auto result = distribute_particles(seeds.particles, domain.view(), {}, context);
+  check_carriers(result.particles, domain);
+  const double middle = 0.5 * (domain.level_sets.frame().dims[0] - 1);
+  // In every eighth of the torus, particles in at least three quarters of the tube.
+  std::array<std::set<int>, 8> quarters;
+  for (const Particle& p : result.particles.particles) {
+    const double x = p.position.x - middle, y = p.position.y - middle, z = p.position.z - middle;
+    const double u = std::atan2(y, x) / std::numbers::pi + 1;
+    const double v = std::atan2(z, std::hypot(x, y) - 14) / std::numbers::pi + 1;
+    quarters[std::min(7, int(4 * u))].insert(std::min(3, int(2 * v)));
+  }
+  for (const auto& q : quarters) CHECK(q.size() >= 3);
 }
 
 TEST_CASE("seed_particles, distribute_particles: another seed, another layout; same seed, same",

@@ -11,7 +11,9 @@
 namespace cvmesh::shapes {
 namespace {
 
-std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
+std::size_t at(std::int32_t i) {
+  return static_cast<std::size_t>(i);
+}
 
 void add_facet(InterfaceMesh& mesh, std::int32_t a, std::int32_t b, std::int32_t c, Sides sides) {
   mesh.facets.push_back({a, b, c});
@@ -24,15 +26,16 @@ InterfaceMesh merged(const InterfaceMesh& mesh) {
   std::map<std::array<double, 3>, std::int32_t> index_of;
   std::vector<std::int32_t> new_index;
   for (const Vec3& p : mesh.points) {
-    const auto [place, is_new] = index_of.try_emplace(
-        {p.x, p.y, p.z}, static_cast<std::int32_t>(result.points.size()));
+    const auto [place, is_new] =
+        index_of.try_emplace({p.x, p.y, p.z}, static_cast<std::int32_t>(result.points.size()));
     if (is_new) result.points.push_back(p);
     new_index.push_back(place->second);
   }
   std::map<std::array<std::int32_t, 3>, std::size_t> facet_of;
   for (std::size_t f = 0; f < mesh.facets.size(); ++f) {
     std::array<std::int32_t, 3> facet;
-    for (std::size_t k = 0; k < 3; ++k) facet[k] = new_index[at(mesh.facets[f][k])];
+    for (std::size_t k = 0; k < 3; ++k)
+      facet[k] = new_index[at(mesh.facets[f][k])];
     std::array<std::int32_t, 3> key = facet;
     std::sort(key.begin(), key.end());
     const Sides sides = mesh.patch_of[f].sides;
@@ -58,21 +61,22 @@ InterfaceMesh merged(const InterfaceMesh& mesh) {
 InterfaceMesh sphere(const Vec3& centre, double radius, int levels, Sides sides) {
   const double t = std::numbers::phi;
   InterfaceMesh mesh;
-  mesh.points = {{-1, t, 0}, {1, t, 0},  {-1, -t, 0}, {1, -t, 0}, {0, -1, t},  {0, 1, t},
+  mesh.points = {{-1, t, 0},  {1, t, 0},  {-1, -t, 0}, {1, -t, 0}, {0, -1, t},  {0, 1, t},
                  {0, -1, -t}, {0, 1, -t}, {t, 0, -1},  {t, 0, 1},  {-t, 0, -1}, {-t, 0, 1}};
   std::vector<std::array<std::int32_t, 3>> facets = {
-      {0, 11, 5}, {0, 5, 1},  {0, 1, 7},   {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4},
-      {11, 10, 2}, {10, 7, 6}, {7, 1, 8},   {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
-      {3, 8, 9},  {4, 9, 5},  {2, 4, 11},  {6, 2, 10}, {8, 6, 7},   {9, 8, 1}};
+      {0, 11, 5},  {0, 5, 1},  {0, 1, 7},  {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4},
+      {11, 10, 2}, {10, 7, 6}, {7, 1, 8},  {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
+      {3, 8, 9},   {4, 9, 5},  {2, 4, 11}, {6, 2, 10}, {8, 6, 7},   {9, 8, 1}};
   for (int level = 0; level < levels; ++level) {
     std::map<std::pair<std::int32_t, std::int32_t>, std::int32_t> middle_of;
     const auto middle = [&](std::int32_t a, std::int32_t b) {
-      const auto [place, is_new] = middle_of.try_emplace(
-          std::minmax(a, b), static_cast<std::int32_t>(mesh.points.size()));
+      const auto [place, is_new] =
+          middle_of.try_emplace(std::minmax(a, b), static_cast<std::int32_t>(mesh.points.size()));
       if (is_new) mesh.points.push_back(mesh.points[at(a)] + mesh.points[at(b)]);
       return place->second;
     };
-    for (Vec3& p : mesh.points) p = normalized(p);
+    for (Vec3& p : mesh.points)
+      p = normalized(p);
     std::vector<std::array<std::int32_t, 3>> finer;
     for (const auto& [a, b, c] : facets) {
       const std::int32_t ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
@@ -83,8 +87,10 @@ InterfaceMesh sphere(const Vec3& centre, double radius, int levels, Sides sides)
     }
     facets = std::move(finer);
   }
-  for (Vec3& p : mesh.points) p = centre + radius * normalized(p);
-  for (const auto& [a, b, c] : facets) add_facet(mesh, a, b, c, sides);
+  for (Vec3& p : mesh.points)
+    p = centre + radius * normalized(p);
+  for (const auto& [a, b, c] : facets)
+    add_facet(mesh, a, b, c, sides);
   return mesh;
 }
 
@@ -176,8 +182,8 @@ SizingField sizing(const Vec3& hi, const std::function<double(const Vec3&)>& h) 
   for (int k = 0; k < kNodes; ++k)
     for (int j = 0; j < kNodes; ++j)
       for (int i = 0; i < kNodes; ++i)
-        field.volume_h_mm(i, j, k) = static_cast<float>(
-            h(scaled_by({double(i), double(j), double(k)}, frame.spacing_mm)));
+        field.volume_h_mm(i, j, k) =
+            static_cast<float>(h(scaled_by({double(i), double(j), double(k)}, frame.spacing_mm)));
   return field;
 }
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <array>
-#include <functional>
-
 #include "cvmesh/core/context.h"
 #include "cvmesh/mesh/interface_mesh.h"
 #include "cvmesh/sizing/sizing_field.h"
+
+#include <array>
+#include <functional>
 
 /// Closed surfaces with known volumes, made by subdivision, for the tests of the tet stage.
 namespace cvmesh::shapes {

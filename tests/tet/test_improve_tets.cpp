@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/mesh/validate.h"
 #include "cvmesh/tet/improve_tets.h"
+#include "cvmesh/tet/tetrahedralize.h"
 
+#include "support/catch.h"
+#include "tet/shapes.h"
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <vector>
-
-#include "cvmesh/mesh/validate.h"
-#include "cvmesh/tet/tetrahedralize.h"
-#include "support/catch.h"
-#include "tet/shapes.h"
 
 using namespace cvmesh;
 using namespace cvmesh::shapes;
@@ -53,7 +52,8 @@ double worst_quality(const TetMesh& mesh) {
 /// axis, which lies inside.
 TetMesh long_octahedron(double half_axis) {
   TetMesh mesh;
-  mesh.points = {{1, 0, 0}, {0, 1, 0}, {-1, 0, 0}, {0, -1, 0}, {0, 0, -half_axis}, {0, 0, half_axis}};
+  mesh.points = {{1, 0, 0},  {0, 1, 0},          {-1, 0, 0},
+                 {0, -1, 0}, {0, 0, -half_axis}, {0, 0, half_axis}};
   mesh.surface.points = mesh.points;
   for (std::int32_t i = 0; i < 4; ++i) {
     const std::int32_t j = (i + 1) % 4;
@@ -81,8 +81,7 @@ TEST_CASE("min_dihedral_sine: known tets", "[tet][unit]") {
 }
 
 TEST_CASE("improve_tets: quality rises, volumes and surface stay", "[tet][unit]") {
-  const InterfaceMesh surface =
-      join(sphere(kCentre, 16, 3, {1, 0}), sphere(kCentre, 9, 3, {2, 1}));
+  const InterfaceMesh surface = join(sphere(kCentre, 16, 3, {1, 0}), sphere(kCentre, 9, 3, {2, 1}));
   const TetMesh before = unimproved(surface, 3, 2.5);
   TetMesh after = before;
   const ImproveTetsStats stats = improve_tets(after, {}, silent_context());
@@ -127,8 +126,8 @@ TEST_CASE("improve_tets: a long edge is replaced by the better diagonal", "[tet]
   CHECK(mesh.tets.size() == 4);
   CHECK(worst_quality(mesh) > before);
   for (const auto& tet : mesh.tets)
-    CHECK_FALSE((std::count(tet.begin(), tet.end(), 4) == 1 &&
-                 std::count(tet.begin(), tet.end(), 5) == 1));
+    CHECK_FALSE(
+        (std::count(tet.begin(), tet.end(), 4) == 1 && std::count(tet.begin(), tet.end(), 5) == 1));
   CHECK(volumes(mesh, 2)[1] == Approx(2.0 * 4 * 2 / 3));
 }
 

@@ -1,26 +1,24 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/error.h"
+#include "cvmesh/core/timer.h"
 #include "cvmesh/tet/tetgen_backend.h"
 
-#include <fcntl.h>
-#include <sys/stat.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
+#include "support/catch.h"
+#include "tet/shapes.h"
 #include <atomic>
 #include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
+#include <fcntl.h>
 #include <filesystem>
 #include <fstream>
 #include <limits>
 #include <string>
+#include <sys/stat.h>
+#include <sys/wait.h>
 #include <thread>
-
-#include "cvmesh/core/error.h"
-#include "cvmesh/core/timer.h"
-#include "support/catch.h"
-#include "tet/shapes.h"
+#include <unistd.h>
 
 using namespace cvmesh;
 using namespace cvmesh::shapes;
@@ -61,8 +59,10 @@ class FakeHelper {
     chmod(path_.c_str(), 0700);
     setenv("CVMESH_TETGEN_HELPER", path_.c_str(), 1);
   }
+
   FakeHelper(const FakeHelper&) = delete;
   FakeHelper& operator=(const FakeHelper&) = delete;
+
   ~FakeHelper() {
     std::filesystem::remove(path_);
     if (real_.empty())
@@ -75,11 +75,14 @@ class FakeHelper {
   std::string real_, path_;
 };
 
-bool has_no_children() { return waitpid(-1, nullptr, WNOHANG) == -1 && errno == ECHILD; }
+bool has_no_children() {
+  return waitpid(-1, nullptr, WNOHANG) == -1 && errno == ECHILD;
+}
 
 InterfaceMesh overlapping_tets() {
   InterfaceMesh second = single_tet(3, {2, 0});
-  for (Vec3& p : second.points) p += Vec3{0.5, 0.5, 0.5};
+  for (Vec3& p : second.points)
+    p += Vec3{0.5, 0.5, 0.5};
   return join(single_tet(3, {1, 0}), second);
 }
 
@@ -117,7 +120,8 @@ TEST_CASE("run_tetgen: what TetGen prints does not disturb the reply", "[tet][un
 
 TEST_CASE("run_tetgen: connected parts have regions of their own", "[tet][unit]") {
   InterfaceMesh far = single_tet(3, {2, 0});
-  for (Vec3& p : far.points) p += Vec3{10, 0, 0};
+  for (Vec3& p : far.points)
+    p += Vec3{10, 0, 0};
   const TetgenRun result = run(join(single_tet(3, {1, 0}), far), "pYAJQ");
   REQUIRE(result.reply.tets.size() == 2);
   CHECK(result.reply.region_of[0] != result.reply.region_of[1]);
@@ -143,7 +147,8 @@ TEST_CASE("run_tetgen: points in one plane are described", "[tet][unit]") {
 
 TEST_CASE("run_tetgen: points in one line abort TetGen and are described", "[tet][unit]") {
   InterfaceMesh line = single_tet(3, {1, 0});
-  for (std::size_t i = 0; i < 4; ++i) line.points[i] = {double(i), 0, 0};
+  for (std::size_t i = 0; i < 4; ++i)
+    line.points[i] = {double(i), 0, 0};
   const TetgenRun result = run(line, "pYAQ");
   CHECK((result.outcome == TetgenOutcome::Crashed || result.outcome == TetgenOutcome::Refused));
   CHECK_FALSE(result.description.empty());

@@ -1,17 +1,16 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/error.h"
+#include "cvmesh/mesh/validate.h"
 #include "cvmesh/tet/tetrahedralize.h"
 
+#include "support/catch.h"
+#include "tet/shapes.h"
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <set>
 #include <string>
-
-#include "cvmesh/core/error.h"
-#include "cvmesh/mesh/validate.h"
-#include "support/catch.h"
-#include "tet/shapes.h"
 
 using namespace cvmesh;
 using namespace cvmesh::shapes;
@@ -144,7 +143,8 @@ TEST_CASE("tetrahedralize: a torus keeps its hole", "[tet][unit]") {
 
 TEST_CASE("tetrahedralize: a void inside a material stays empty", "[tet][unit]") {
   InterfaceMesh hole = sphere(kCentre, 6, 2, {1, 0});
-  for (auto& facet : hole.facets) std::swap(facet[0], facet[1]);
+  for (auto& facet : hole.facets)
+    std::swap(facet[0], facet[1]);
   const InterfaceMesh shell = sphere(kCentre, 12, 3, {1, 0});
   const InterfaceMesh surface = join(shell, hole);
   const TetrahedralizeResult result = fill(surface, 2);
@@ -209,7 +209,8 @@ TEST_CASE("tetrahedralize: equal input gives equal tets", "[tet][determinism]") 
 TEST_CASE("tetrahedralize: facets that intersect are named before TetGen sees them",
           "[tet][unit]") {
   InterfaceMesh second = single_tet(3, {2, 0});
-  for (Vec3& p : second.points) p += Vec3{0.5, 0.5, 0.5};
+  for (Vec3& p : second.points)
+    p += Vec3{0.5, 0.5, 0.5};
   const std::string message =
       failure(join(single_tet(3, {1, 0}), second), 3, ErrorCode::StageFailed);
   CHECK(contains(message, "intersect"));
@@ -231,14 +232,17 @@ TEST_CASE("tetrahedralize: a coordinate that is not a number is refused", "[tet]
 
 TEST_CASE("tetrahedralize: points that coincide are refused", "[tet][unit]") {
   InterfaceMesh second = single_tet(3, {2, 0});
-  for (Vec3& p : second.points) p *= -1;
-  for (auto& facet : second.facets) std::swap(facet[0], facet[1]);
+  for (Vec3& p : second.points)
+    p *= -1;
+  for (auto& facet : second.facets)
+    std::swap(facet[0], facet[1]);
   InterfaceMesh surface = single_tet(3, {1, 0});
   const std::int32_t shift = 4;
   surface.points.insert(surface.points.end(), second.points.begin(), second.points.end());
   for (std::size_t f = 0; f < 4; ++f) {
     auto facet = second.facets[f];
-    for (auto& v : facet) v += shift;
+    for (auto& v : facet)
+      v += shift;
     surface.facets.push_back(facet);
     surface.patch_of.push_back(second.patch_of[f]);
   }
@@ -261,8 +265,8 @@ TEST_CASE("tetrahedralize: options out of range are refused", "[tet][unit]") {
 
 TEST_CASE("tetrahedralize: a time limit that no attempt meets ends in a limit error",
           "[tet][unit]") {
-  const std::string message = failure(sphere(kCentre, 15, 6, {1, 0}), 2, ErrorCode::Limit,
-                                      {.time_limit_s = 0.05});
+  const std::string message =
+      failure(sphere(kCentre, 15, 6, {1, 0}), 2, ErrorCode::Limit, {.time_limit_s = 0.05});
   CHECK(contains(message, "time_limit_s"));
   CHECK(contains(message, "pYAJQ:"));  // the loosest set was tried as well
 }

@@ -61,17 +61,25 @@ std::string escape_xml(const std::string& text) {
 VtkXml::VtkXml(const std::string& type) : type_(type) {}
 
 void VtkXml::add_field_strings(const std::string& name, const std::vector<std::string>& values) {
-  // VTK's own form: the character codes of each string, each string ended by a 0.
-  fields_ += "      <Array type=\"String\" Name=\"" + escape_xml(name) + "\" NumberOfTuples=\"" +
-             std::to_string(values.size()) + "\" format=\"ascii\">\n        ";
+  // VTK's own form of a string array: the character codes of each string, each ended by a 0. Meshio
+  // refuses any .vtu file with such an array, so there the same codes go into an array of bytes.
+  const bool is_grid = type_ == "UnstructuredGrid";
+  std::string codes;
+  std::size_t count = 0;
   for (const std::string& value : values) {
     for (const char c : one_line(value)) {
-      append_number(fields_, std::int64_t{static_cast<unsigned char>(c)});
-      fields_ += ' ';
+      append_number(codes, std::int64_t{static_cast<unsigned char>(c)});
+      codes += ' ';
+      ++count;
     }
-    fields_ += "0 ";
+    codes += "0 ";
+    ++count;
   }
-  fields_ += "\n      </Array>\n";
+  const std::string tag = is_grid ? "DataArray" : "Array";
+  fields_ += "      <" + tag + " type=\"" + (is_grid ? "UInt8" : "String") + "\" Name=\"" +
+             escape_xml(name) + "\" NumberOfTuples=\"" +
+             std::to_string(is_grid ? count : values.size()) + "\" format=\"ascii\">\n        " +
+             codes + "\n      </" + tag + ">\n";
 }
 
 void VtkXml::add_field_integers(const std::string& name, const std::vector<std::int32_t>& values) {

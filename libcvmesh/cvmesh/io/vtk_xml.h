@@ -25,7 +25,8 @@ class VtkXml {
   /// `type` is "UnstructuredGrid" or "PolyData".
   explicit VtkXml(const std::string& type);
 
-  /// Field data comes before the piece.
+  /// Field data comes before the piece. In an unstructured grid strings are bytes (UTF-8), each
+  /// string ended by a 0: meshio cannot read VTK's string arrays.
   void add_field_strings(const std::string& name, const std::vector<std::string>& values);
   void add_field_integers(const std::string& name, const std::vector<std::int32_t>& values);
   /// `SPACE`, the label values and names, and the label of the exterior.

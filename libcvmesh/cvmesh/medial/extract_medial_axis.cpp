@@ -24,7 +24,7 @@ constexpr double kOpposedCosine = -0.5;
 // Walls whose normals are less than 45 degrees apart are one smooth wall, seen through sites that
 // are far apart: between thick slices the sites leave gaps that look like medial pairs. The ratio
 // of the pruning asks for 70 degrees between the directions to the sites.
-constexpr double kSameWallCosine = 0.7;
+constexpr double kSameWallCosine = 0.9;
 
 // The walls of a wedge are nearest to its curve within this many chords: 12 covers wedges down to
 // 5 degrees.

@@ -346,7 +346,8 @@ Parameters parse_parameters(const Json& file,
   refuse_both_sizes(overrides, settings_source);
 
   Parameters parameters;
-  for (const auto& [key, value] : merged(file, overrides).items()) {
+  const Json all = merged(file, overrides);
+  for (const auto& [key, value] : all.items()) {
     if (key == kCommentKey) continue;
     const std::string& origin = overrides.contains(key) ? settings_source : source;
     read_parameter(find_info(parameter_table(), key, "", origin), "", value, origin, parameters);

@@ -444,15 +444,18 @@ std::vector<Cloud> gather(const std::vector<Particle>& particles,
             "particle " + std::to_string(i) + " has no dense facet, or is not in the order " +
                 "corners, curves, interfaces");
     Cloud& c = clouds[sheets.sheet_of[p.carrier[0]]];
-    const SurfacePoint there = sheets.describe(p.carrier[0], p.position);
+    const SurfacePoint given = sheets.describe(p.carrier[0], p.position);
     // Guards of closed sheets have lowered h in the seeds, by one factor per sheet.
-    if (c.free_count() == 0) c.h_scale = p.h_mm / there.h_mm;
+    if (c.free_count() == 0) c.h_scale = p.h_mm / given.h_mm;
     const bool is_guard = p.origin == ParticleOrigin::Guard;
-    c.add(there, is_guard);
+    const SurfacePoint settled = sheets.move(p.carrier[0], p.position);
+    const double clearance = kCurveClearanceVox * sheets.voxel_mm();
+    c.add(settled.curve_distance >= clearance ? settled : given, is_guard);
     guards[c.sheet] += is_guard;
   }
   for (Cloud& c : clouds) {
-    const double natural = natural_count(sheets.sheets[c.sheet], c.rim_size);
+    const Sheet& sheet = sheets.sheets[c.sheet];
+    const double natural = natural_count(sheet, sheet.lattice_count, c.rim_size);
     c.wanted = static_cast<std::size_t>(std::lround(natural / (c.h_scale * c.h_scale)));
     c.wanted = std::max(c.wanted, guards[c.sheet]);
   }

@@ -42,8 +42,12 @@ std::vector<SheetPlan> plan_sheets(const Sheets& sheets,
   for (std::size_t s = 0; s < plans.size(); ++s) {
     const Sheet& sheet = sheets.sheets[s];
     SheetPlan& plan = plans[s];
-    const double natural = natural_count(sheet, rims[s].size());
-    plan.natural = plan.wanted = static_cast<std::size_t>(std::lround(natural));
+    const auto rounded = [&](double lattice_count) {
+      return static_cast<std::size_t>(
+          std::lround(natural_count(sheet, lattice_count, rims[s].size())));
+    };
+    plan.natural = rounded(sheet.field_count);
+    plan.wanted = rounded(sheet.lattice_count);
     if (!sheet.is_closed) {
       std::vector<std::int32_t> rim;
       for (const RimParticle& r : rims[s]) rim.push_back(r.particle);

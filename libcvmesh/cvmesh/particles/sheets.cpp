@@ -2,6 +2,7 @@
 #include "cvmesh/particles/sheets.h"
 
 #include "cvmesh/core/parallel.h"
+#include "cvmesh/particles/short_loops.h"
 
 #include <algorithm>
 #include <cmath>
@@ -68,11 +69,14 @@ bool project_onto_zero(const LevelSets& level_sets,
 }
 
 Sheets::Sheets(const ParticleDomain& domain)
-    : domain_(domain), voxel_mm_(domain.level_sets.frame().voxel_mm()) {
+    : h_mm(domain.sizing_field.h_mm),
+      domain_(domain),
+      voxel_mm_(domain.level_sets.frame().voxel_mm()) {
   stars_ = find_vertex_stars(domain_.dense);
   link_facets();
   find_sheets();
   measure_sheets();
+  lower_h();
 }
 
 void Sheets::link_facets() {
@@ -146,8 +150,6 @@ void Sheets::measure_sheets() {
     double angles = 0;
     std::size_t boundary_edges = 0;
     for (const auto f : sheet.facets) {
-      const double h = facet_h(f);
-      sheet.lattice_count += 2 / std::sqrt(3.0) * facet_area(f) / (h * h);
       const auto& v = dense.facets[f];
       for (int k = 0; k < 3; ++k) {
         vertices.push_back(v[k]);
@@ -170,6 +172,24 @@ void Sheets::measure_sheets() {
   }
 }
 
+void Sheets::lower_h() {
+  for (Sheet& sheet : sheets) {
+    sheet.lattice_count = sheet.field_count = count_at_h(sheet);
+    lower_h_at_short_loops(domain_.dense, sheet.facets, domain_.sizing_field.delta, h_mm);
+  }
+  // A lowered h on a curve counts for all sheets around it.
+  for (Sheet& sheet : sheets) sheet.lattice_count = count_at_h(sheet);
+}
+
+double Sheets::count_at_h(const Sheet& sheet) const {
+  double sum = 0;
+  for (const auto f : sheet.facets) {
+    const double h = facet_h(f);
+    sum += 2 / std::sqrt(3.0) * facet_area(f) / (h * h);
+  }
+  return sum;
+}
+
 double Sheets::facet_area(std::int32_t f) const {
   const auto& v = domain_.dense.facets[f];
   const auto& p = domain_.dense.points;
@@ -178,7 +198,7 @@ double Sheets::facet_area(std::int32_t f) const {
 
 double Sheets::facet_h(std::int32_t f) const {
   const auto& v = domain_.dense.facets[f];
-  const auto& h = domain_.sizing_field.h_mm;
+  const auto& h = h_mm;
   return (h[v[0]] + h[v[1]] + h[v[2]]) / 3;
 }
 
@@ -232,7 +252,7 @@ void Sheets::describe_at(const OnFacet& at, SurfacePoint& point) const {
   const auto& v = domain_.dense.facets[at.facet];
   const auto& points = domain_.dense.points;
   const Vec3 w = barycentric(at.point, points[v[0]], points[v[1]], points[v[2]]);
-  const auto& h = domain_.sizing_field.h_mm;
+  const auto& h = h_mm;
   point.facet = at.facet;
   point.h_mm = std::max(std::min({h[v[0]], h[v[1]], h[v[2]]}),
                         w.x * h[v[0]] + w.y * h[v[1]] + w.z * h[v[2]]);
@@ -320,8 +340,8 @@ std::vector<std::vector<RimParticle>> find_rims(const Sheets& sheets,
   return rims;
 }
 
-double natural_count(const Sheet& sheet, std::size_t rim_size) {
-  return std::max(0.0, sheet.lattice_count - 0.5 * static_cast<double>(rim_size) +
+double natural_count(const Sheet& sheet, double lattice_count, std::size_t rim_size) {
+  return std::max(0.0, lattice_count - 0.5 * static_cast<double>(rim_size) +
                            sheet.boundary_turns);
 }
 

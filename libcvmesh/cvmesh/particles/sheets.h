@@ -17,6 +17,7 @@ struct Sheet {
   std::vector<std::int32_t> inner_vertices;  ///< dense vertices of dimension 2, ascending
   std::size_t vertex_count = 0;
   double lattice_count = 0;          ///< (2 / sqrt 3) * integral of dA / h^2
+  double field_count = 0;            ///< the same before h was lowered at short loops
   /// Total geodesic curvature of the boundary over 2 pi: 1 for a flat disc, 0 for a hemisphere.
   double boundary_turns = 0;
 };
@@ -43,6 +44,7 @@ class Sheets {
   explicit Sheets(const ParticleDomain& domain);
 
   std::vector<Sheet> sheets;               ///< ordered by their smallest facet
+  std::vector<double> h_mm;                ///< per dense vertex, with room on every short loop
   std::vector<std::int32_t> sheet_of;      ///< per facet
 
   [[nodiscard]] const ParticleDomain& domain() const { return domain_; }
@@ -77,6 +79,8 @@ class Sheets {
   void link_facets();
   void find_sheets();
   void measure_sheets();
+  void lower_h();
+  [[nodiscard]] double count_at_h(const Sheet& sheet) const;
   [[nodiscard]] OnFacet nearest_in(std::int32_t facet, const Vec3& p) const;
   [[nodiscard]] OnFacet walk(std::int32_t facet, const Vec3& p) const;
   [[nodiscard]] bool project(const PatchKey& patch, Vec3& p) const;
@@ -102,7 +106,8 @@ std::vector<std::vector<RimParticle>> find_rims(const Sheets& sheets,
 /// Particles that the inside of a sheet holds at the spacing of the sizing field. By Euler's
 /// formula F = 2 n + rim - 2 chi triangles of area sqrt 3 h^2 / 4 fill the sheet; chi enters
 /// through Gauss-Bonnet, so that the count for a closed sheet is (2 / sqrt 3) * integral dA / h^2.
-double natural_count(const Sheet& sheet, std::size_t rim_size);
+/// @param lattice_count  `Sheet::lattice_count` or `Sheet::field_count`
+double natural_count(const Sheet& sheet, double lattice_count, std::size_t rim_size);
 
 /// Solves differences[k] = 0 near `p` by Gauss-Newton steps of least length, as Meyer's projection
 /// but of second order: p moves by -J^T (J J^T)^-1 g. `is_fixed` coordinates do not change.

@@ -211,10 +211,16 @@ SizingOptions scaled(SizingOptions options, double factor) {
 /// The particle stages for one setting of the sizes, and the field they follow.
 class Sampler {
  public:
-  Sampler(Run& run, const Dense& dense, const LevelSets& level_sets, std::vector<double> lfs_mm)
-      : run_(run), dense_(dense), level_sets_(level_sets), lfs_mm_(std::move(lfs_mm)) {}
+  Sampler(Run& run, const Dense& dense, const LevelSets& level_sets, MedialAxis medial_axis)
+      : run_(run), dense_(dense), level_sets_(level_sets), medial_axis_(std::move(medial_axis)) {}
 
-  SizingResult size(const SizingOptions& options) const {
+  /// The local feature size does not depend on the options: found by the first call.
+  SizingResult size(const SizingOptions& options) {
+    if (lfs_mm_.empty()) {
+      lfs_mm_ = local_feature_size(dense_.mesh, dense_.strata, medial_axis_,
+                                   level_sets_.frame().voxel_mm(), run_.context);
+      medial_axis_ = {};
+    }
     return compute_sizing_field(dense_.mesh, dense_.strata, lfs_mm_, level_sets_.frame(), options,
                                 run_.context);
   }
@@ -306,6 +312,7 @@ class Sampler {
   Run& run_;
   const Dense& dense_;
   const LevelSets& level_sets_;
+  MedialAxis medial_axis_;
   std::vector<double> lfs_mm_;
 };
 
@@ -314,18 +321,7 @@ Sampling sample_surfaces(Run& run,
                          const LevelSets& level_sets,
                          const Dense& dense,
                          MedialAxis medial_axis) {
-  std::vector<double> lfs_mm = run.stage.run(
-      stage_names::kSizingField,
-      [&] {
-        return local_feature_size(dense.mesh, dense.strata, medial_axis, labels.frame().voxel_mm(),
-                                  run.context);
-      },
-      [](const std::vector<double>& lfs) {
-        return fmt::format("local feature size at {} vertices", lfs.size());
-      });
-  medial_axis = {};
-
-  Sampler sampler(run, dense, level_sets, std::move(lfs_mm));
+  Sampler sampler(run, dense, level_sets, std::move(medial_axis));
   const SizingOptions options = sizing_options_of(run, labels);
   const std::optional<std::size_t> target = run.request.parameters.target_vertices;
   Sampling sampling = target ? sampler.sample_to_target(options, *target) : sampler.sample(options);

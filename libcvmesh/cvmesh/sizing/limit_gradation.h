@@ -14,7 +14,7 @@ namespace cvmesh {
 /// sweeping [Zhao 2005] from the nodes of the cells that hold a point, where the formula is exact.
 /// The first-order scheme overestimates distances slightly, by less than a spacing.
 /// @param frame  coarsened by a whole number until it has at most `max_nodes` nodes
-/// @note  4 bytes per node; linear, on one thread (each update reads the last)
+/// @note  4 bytes per node; linear
 Grid<float> extend_from_points(const std::vector<Vec3>& points,
                                const std::vector<double>& values,
                                double delta,

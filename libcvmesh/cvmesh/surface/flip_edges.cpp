@@ -30,14 +30,24 @@ class Flipper {
     const std::int32_t c = across(first, a, b), d = across(second, a, b);
     const std::array<VertexTriple, 2> before{{{a, b, c}, {b, a, d}}};
     const std::array<VertexTriple, 2> after{{{a, d, c}, {d, b, c}}};
+    // before: as the facets carry their samples; after: as `MaterialSurfaces` will hand them out
     samples_.clear();
-    for (const auto f : {first, second})
-      surfaces_.for_each_sample(f, [&](const Vec3& s) { samples_.push_back(s); });
+    std::array<double, 2> farthest_before{}, farthest_after{};
+    for (int f = 0; f < 2; ++f)
+      surfaces_.for_each_sample(f == 0 ? first : second, [&](const Vec3& s) {
+        samples_.push_back(s);
+        farthest_before[f] = std::max(farthest_before[f], distance_to(s, before[f]));
+      });
+    for (const Vec3& s : samples_) {
+      const double to_first = distance_to(s, after[0]), to_second = distance_to(s, after[1]);
+      const int nearest = to_first <= to_second ? 0 : 1;
+      farthest_after[nearest] = std::max(farthest_after[nearest], std::min(to_first, to_second));
+    }
     // outer sides: (b, c) and (c, a) of the first facet, (a, d) and (d, b) of the second
     const std::array<Vec3, 4> outer{normal_across(b, c, first), normal_across(c, a, first),
                                     normal_across(a, d, second), normal_across(d, b, second)};
-    const double cost_before = cost(before, {0, 1, 2, 3}, outer);
-    const double cost_after = cost(after, {2, 1, 3, 0}, outer);
+    const double cost_before = cost(before, farthest_before, {0, 1, 2, 3}, outer);
+    const double cost_after = cost(after, farthest_after, {2, 1, 3, 0}, outer);
     if (!(cost_after < cost_before - kLeastGain)) return Outcome::NoGain;
     if (!is_allowed(a, b, c, d, first, second, after, outer)) return Outcome::Refused;
     guard_.remove(first);
@@ -60,6 +70,11 @@ class Flipper {
     return normalized(area_vector2(p[t[0]], p[t[1]], p[t[2]]));
   }
 
+  [[nodiscard]] double distance_to(const Vec3& s, const VertexTriple& t) const {
+    const auto& p = surfaces_.points();
+    return distance(nearest_on_triangle(s, p[t[0]], p[t[1]], p[t[2]]), s);
+  }
+
   // Unit normal of the facet on the other side of edge (u, v) of `facet`; zero on a curve.
   [[nodiscard]] Vec3 normal_across(std::int32_t u, std::int32_t v, std::int32_t facet) const {
     std::int32_t left = -1, right = -1;
@@ -68,23 +83,14 @@ class Flipper {
   }
 
   // Objective of a pair of facets: facet 0 has the outer sides side[0], side[1], facet 1 the others.
-  [[nodiscard]] double cost(const std::array<VertexTriple, 2>& pair, const std::array<int, 4>& side,
+  [[nodiscard]] double cost(const std::array<VertexTriple, 2>& pair,
+                            const std::array<double, 2>& farthest, const std::array<int, 4>& side,
                             const std::array<Vec3, 4>& outer) const {
     const auto& p = surfaces_.points();
     std::array<Vec3, 2> normal;
-    std::array<double, 2> farthest{};
     double sum = 0;
     for (int f = 0; f < 2; ++f) {
       normal[f] = unit_normal(pair[f]);
-    }
-    for (const Vec3& s : samples_) {
-      std::array<double, 2> d;
-      for (int f = 0; f < 2; ++f) {
-        const auto& t = pair[f];
-        d[f] = distance(nearest_on_triangle(s, p[t[0]], p[t[1]], p[t[2]]), s);
-      }
-      const int nearest = d[0] <= d[1] ? 0 : 1;
-      farthest[nearest] = std::max(farthest[nearest], d[nearest]);
     }
     for (int f = 0; f < 2; ++f) {
       sum += objective_.facet_term(p[pair[f][0]], p[pair[f][1]], p[pair[f][2]], farthest[f]);

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/tet/improve_tets.h"
 
+#include "cvmesh/core/error.h"
+
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,10 +14,6 @@
 #include <utility>
 #include <vector>
 
-#include <spdlog/spdlog.h>
-
-#include "cvmesh/core/error.h"
-
 namespace cvmesh {
 namespace {
 
@@ -22,9 +22,9 @@ using Face = std::array<std::int32_t, 3>;
 
 constexpr const char* kStage = "tetrahedra";
 constexpr double kDegree = std::numbers::pi / 180;
-/// A change must raise the worst quality by this factor of the ideal one, so that rounding cannot
-/// make two states pass into each other for ever.
-constexpr double kLeastGain = 1e-4;
+/// A change must raise the worst sine by this much: rounding cannot make two states pass into each
+/// other for ever, and no time goes into gains that nobody sees.
+constexpr double kLeastGain = 1e-3;
 /// Below this sine the sign of a volume is not certain in double precision.
 constexpr double kLeastQuality = 1e-9;
 constexpr int kMaxRingBound = 12;
@@ -32,7 +32,9 @@ constexpr std::int32_t kNone = -1;
 /// A pass that changes fewer tets than one in this many is the last one.
 constexpr std::size_t kQuietPass = 2000;
 
-std::size_t at(std::int32_t index) { return static_cast<std::size_t>(index); }
+std::size_t at(std::int32_t index) {
+  return static_cast<std::size_t>(index);
+}
 
 /// Corners of face k (opposite corner k) of a positive tet, counter-clockwise from outside.
 constexpr std::size_t kFaces[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
@@ -80,7 +82,8 @@ class Improver {
         max_ring_(static_cast<std::size_t>(std::clamp(options.max_ring, 3, kMaxRingBound))) {
     connect();
     quality_.resize(mesh_.tets.size());
-    for (std::size_t t = 0; t < mesh_.tets.size(); ++t) quality_[t] = quality(mesh_.tets[t]);
+    for (std::size_t t = 0; t < mesh_.tets.size(); ++t)
+      quality_[t] = quality(mesh_.tets[t]);
     stamp_.assign(mesh_.tets.size(), 0);
     tried_tet_.assign(mesh_.tets.size(), 0);
     tried_vertex_.assign(mesh_.points.size(), 0);
@@ -104,9 +107,8 @@ class Improver {
     for (const auto& [quality_then, t] : poor) {
       if (quality_[at(t)] != quality_then || is_removed(t)) continue;
       const Tet& tet = mesh_.tets[at(t)];
-      if (std::none_of(tet.begin(), tet.end(), [&](std::int32_t v) {
-            return touched_[at(v)] > tried_tet_[at(t)];
-          }))
+      if (std::none_of(tet.begin(), tet.end(),
+                       [&](std::int32_t v) { return touched_[at(v)] > tried_tet_[at(t)]; }))
         continue;
       tried_tet_[at(t)] = clock_;
       const Change change = best_change(t);
@@ -143,10 +145,12 @@ class Improver {
     struct Record {
       Face face;
       std::int32_t owner;
+
       bool operator<(const Record& other) const {
         return face != other.face ? face < other.face : owner < other.owner;
       }
     };
+
     std::vector<Record> records;
     records.reserve(4 * mesh_.tets.size() + mesh_.surface.facets.size());
     for (Face facet : mesh_.surface.facets) {
@@ -167,7 +171,8 @@ class Improver {
     }
     tet_of_.assign(mesh_.points.size(), kNone);
     for (std::size_t t = 0; t < mesh_.tets.size(); ++t)
-      for (const std::int32_t v : mesh_.tets[t]) tet_of_[at(v)] = static_cast<std::int32_t>(t);
+      for (const std::int32_t v : mesh_.tets[t])
+        tet_of_[at(v)] = static_cast<std::int32_t>(t);
   }
 
   /// All tets around an interior vertex.
@@ -191,7 +196,8 @@ class Improver {
     double worst = std::numeric_limits<double>::infinity();
     for (const Tet& tet : star_tets_) {
       Vec3 c[4];
-      for (std::size_t k = 0; k < 4; ++k) c[k] = tet[k] == v ? p : point(tet[k]);
+      for (std::size_t k = 0; k < 4; ++k)
+        c[k] = tet[k] == v ? p : point(tet[k]);
       worst = std::min(worst, min_dihedral_sine(c[0], c[1], c[2], c[3]));
       if (worst <= floor) return worst;
     }
@@ -245,7 +251,7 @@ class Improver {
       return true;
     };
     attempt(centroid);
-    const Vec3 directions[] = {escape,    -escape,   {1, 0, 0},  {-1, 0, 0},
+    const Vec3 directions[] = {escape,    -escape,    {1, 0, 0}, {-1, 0, 0},
                                {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
     constexpr int kHalvings = 5, kStepsPerSize = 4;
     double step = 0.3 * edge;
@@ -262,7 +268,8 @@ class Improver {
     ++clock_;
     for (const std::int32_t t : star_) {
       quality_[at(t)] = quality(mesh_.tets[at(t)]);
-      for (const std::int32_t u : mesh_.tets[at(t)]) touched_[at(u)] = clock_;
+      for (const std::int32_t u : mesh_.tets[at(t)])
+        touched_[at(u)] = clock_;
     }
     return true;
   }
@@ -277,9 +284,8 @@ class Improver {
     std::int32_t behind = tet[kEdges[e][2]], ahead = tet[kEdges[e][3]];
     for (std::int32_t now = t;;) {
       const Tet& corners = mesh_.tets[at(now)];
-      const std::size_t opposite =
-          static_cast<std::size_t>(std::find(corners.begin(), corners.end(), behind) -
-                                   corners.begin());
+      const std::size_t opposite = static_cast<std::size_t>(
+          std::find(corners.begin(), corners.end(), behind) - corners.begin());
       const std::int32_t next = neighbour_[at(now)][opposite];
       if (next == kNone) return false;
       ring.corners.push_back(ahead);
@@ -300,7 +306,8 @@ class Improver {
   void try_edge_removal(const Ring& ring, Change& best) const {
     const std::size_t n = ring.corners.size();
     double old_worst = std::numeric_limits<double>::infinity();
-    for (const std::int32_t t : ring.tets) old_worst = std::min(old_worst, quality_[at(t)]);
+    for (const std::int32_t t : ring.tets)
+      old_worst = std::min(old_worst, quality_[at(t)]);
     const double floor = std::max({old_worst + kLeastGain, best.worst, kLeastQuality});
     double value[kMaxRingBound][kMaxRingBound];
     std::size_t choice[kMaxRingBound][kMaxRingBound];
@@ -362,7 +369,8 @@ class Improver {
     Change best;
     for (std::size_t e = 0; e < 6; ++e)
       if (find_ring(t, e, ring_)) try_edge_removal(ring_, best);
-    for (std::size_t k = 0; k < 4; ++k) try_face_flip(t, k, best);
+    for (std::size_t k = 0; k < 4; ++k)
+      try_face_flip(t, k, best);
     return best;
   }
 
@@ -372,6 +380,7 @@ class Improver {
       std::int32_t tet;  ///< beyond the face, kNone at the surface
       std::int32_t place;
     };
+
     std::vector<Open> open;
     const auto is_in = [&](std::int32_t t) {
       return std::find(change.removed.begin(), change.removed.end(), t) != change.removed.end();
@@ -382,14 +391,15 @@ class Improver {
         if (n != kNone && is_in(n)) continue;
         std::int32_t place = kNone;
         for (std::size_t m = 0; n != kNone && m < 4; ++m)
-          if (neighbour_[at(n)][m] == t && sorted_face(mesh_.tets[at(n)], m) ==
-                                               sorted_face(mesh_.tets[at(t)], k))
+          if (neighbour_[at(n)][m] == t &&
+              sorted_face(mesh_.tets[at(n)], m) == sorted_face(mesh_.tets[at(t)], k))
             place = static_cast<std::int32_t>(m);
         open.push_back({sorted_face(mesh_.tets[at(t)], k), n, place});
       }
     const MaterialId material = mesh_.material_of[at(change.removed[0])];
     std::vector<std::int32_t> slots = change.removed;
-    while (slots.size() < change.added.size()) slots.push_back(new_slot());
+    while (slots.size() < change.added.size())
+      slots.push_back(new_slot());
     for (std::size_t i = change.added.size(); i < slots.size(); ++i) {
       mesh_.tets[at(slots[i])] = {kNone, kNone, kNone, kNone};
       quality_[at(slots[i])] = std::numeric_limits<double>::infinity();
@@ -405,8 +415,8 @@ class Improver {
         tet_of_[at(change.added[i][k])] = t;
         touched_[at(change.added[i][k])] = clock_;
         const Face face = sorted_face(change.added[i], k);
-        const auto match = std::find_if(open.begin(), open.end(),
-                                        [&](const Open& o) { return o.face == face; });
+        const auto match =
+            std::find_if(open.begin(), open.end(), [&](const Open& o) { return o.face == face; });
         if (match == open.end()) {
           open.push_back({face, t, static_cast<std::int32_t>(k)});
           neighbour_[at(t)][k] = kNone;
@@ -463,7 +473,8 @@ Angles measure(const TetMesh& mesh, const std::vector<Face>& facets) {
   Angles angles;
   for (const Tet& tet : mesh.tets) {
     std::array<Vec3, 4> p;
-    for (std::size_t k = 0; k < 4; ++k) p[k] = mesh.points[at(tet[k])];
+    for (std::size_t k = 0; k < 4; ++k)
+      p[k] = mesh.points[at(tet[k])];
     const std::array<Vec3, 4> normals = face_normals(p);
     double smallest = 180;
     std::size_t smallest_edge = 0;
@@ -498,7 +509,8 @@ double min_dihedral_sine(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3
   const std::array<Vec3, 4> p{a, b, c, d};
   const std::array<Vec3, 4> normals = face_normals(p);
   double area2[4];
-  for (std::size_t k = 0; k < 4; ++k) area2[k] = squared_norm(normals[k]);
+  for (std::size_t k = 0; k < 4; ++k)
+    area2[k] = squared_norm(normals[k]);
   const double volume = volume6(a, b, c, d);
   double least = std::numeric_limits<double>::infinity();
   double most = 0;
@@ -517,7 +529,8 @@ ImproveTetsStats improve_tets(TetMesh& mesh,
                               const StageContext& context) {
   ImproveTetsStats stats;
   std::vector<Face> facets = mesh.surface.facets;
-  for (Face& facet : facets) std::sort(facet.begin(), facet.end());
+  for (Face& facet : facets)
+    std::sort(facet.begin(), facet.end());
   std::sort(facets.begin(), facets.end());
   const Angles before = measure(mesh, facets);
   Improver improver(mesh, options);

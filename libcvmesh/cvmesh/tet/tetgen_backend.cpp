@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/tet/tetgen_backend.h"
 
-#include <dlfcn.h>
-#include <fcntl.h>
-#include <poll.h>
-#include <spawn.h>
-#include <sys/resource.h>
-#include <sys/socket.h>
-#include <sys/wait.h>
-#include <unistd.h>
+#include "cvmesh/core/error.h"
+#include "cvmesh/core/timer.h"
+
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -16,15 +12,18 @@
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
+#include <dlfcn.h>
+#include <fcntl.h>
 #include <filesystem>
+#include <poll.h>
+#include <spawn.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
 #include <thread>
+#include <unistd.h>
 #include <utility>
 #include <vector>
-
-#include <spdlog/spdlog.h>
-
-#include "cvmesh/core/error.h"
-#include "cvmesh/core/timer.h"
 
 extern "C" char** environ;  // NOLINT: POSIX asks for this declaration
 
@@ -36,10 +35,10 @@ using namespace tetgen_protocol;
 
 constexpr const char* kStage = "tetrahedra";
 constexpr const char* kHelperName = "cvmesh-tetgen";
-constexpr int kPollMs = 20;                       // a cancel is seen within this time
-constexpr std::size_t kChatterKept = 4096;        // end of what the helper printed
+constexpr int kPollMs = 20;                 // a cancel is seen within this time
+constexpr std::size_t kChatterKept = 4096;  // end of what the helper printed
 constexpr std::size_t kTransferBlock = 1 << 20;
-constexpr double kNearMemoryLimit = 0.6;          // resident share of a limited address space
+constexpr double kNearMemoryLimit = 0.6;  // resident share of a limited address space
 
 bool is_executable_file(const fs::path& path) {
   std::error_code error;
@@ -65,21 +64,28 @@ std::vector<fs::path> own_folders() {
 class Descriptor {
  public:
   Descriptor() = default;
+
   explicit Descriptor(int fd) : fd_(fd) {}
+
   Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+
   Descriptor& operator=(Descriptor&& other) noexcept {
     std::swap(fd_, other.fd_);
     return *this;
   }
+
   Descriptor(const Descriptor&) = delete;
   Descriptor& operator=(const Descriptor&) = delete;
+
   ~Descriptor() { reset(); }
 
   void reset() {
     if (fd_ >= 0) close(fd_);
     fd_ = -1;
   }
+
   [[nodiscard]] int get() const { return fd_; }
+
   [[nodiscard]] bool is_open() const { return fd_ >= 0; }
 
  private:
@@ -91,7 +97,9 @@ void require_call(bool succeeded, const char* what) {
           std::string("cannot start the helper program: ") + what + ": " + std::strerror(errno));
 }
 
-void set_nonblocking(int fd) { fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK); }
+void set_nonblocking(int fd) {
+  fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK);
+}
 
 /// The running helper and the near ends of its three channels. Whatever way this object goes, the
 /// helper is dead and reaped afterwards.
@@ -122,8 +130,8 @@ class Helper {
     // A group of its own: an interrupt from the terminal reaches this process, which then ends the
     // helper in its own time.
     posix_spawnattr_setpgroup(&attributes, 0);
-    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF |
-                                              POSIX_SPAWN_SETPGROUP);
+    posix_spawnattr_setflags(
+        &attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
     std::string name = path;
     char* arguments[] = {name.data(), nullptr};
     errno = posix_spawn(&pid_, path.c_str(), &actions, &attributes, arguments, environ);
@@ -139,8 +147,10 @@ class Helper {
     set_nonblocking(reply.get());
     set_nonblocking(printed.get());
   }
+
   Helper(const Helper&) = delete;
   Helper& operator=(const Helper&) = delete;
+
   ~Helper() { kill_and_reap(); }
 
   /// True once the helper has ended; `status` and `peak_mb` are set then.
@@ -279,12 +289,14 @@ void describe_refusal(TetgenRun& run, const TetgenLimits& limits) {
       run.description = "TetGen ran out of memory; " + memory_advice(limits);
       return;
     case 2:
-      run.description = "TetGen met a fault of its own (error 2); make the surface finer (smaller "
-                        "epsilon) or change the seed";
+      run.description =
+          "TetGen met a fault of its own (error 2); make the surface finer (smaller "
+          "epsilon) or change the seed";
       return;
     case 3:
-      run.description = "TetGen found facets that intersect (error 3); the surface must be free of "
-                        "intersections: make it finer (smaller epsilon) or change the seed";
+      run.description =
+          "TetGen found facets that intersect (error 3); the surface must be free of "
+          "intersections: make it finer (smaller epsilon) or change the seed";
       return;
     case 4:
     case 5:
@@ -293,13 +305,15 @@ void describe_refusal(TetgenRun& run, const TetgenLimits& limits) {
                         "); make the surface finer (smaller epsilon) or change the seed";
       return;
     case 10:
-      run.description = "TetGen cannot use the input (error 10): fewer than four points, or all in "
-                        "one plane";
+      run.description =
+          "TetGen cannot use the input (error 10): fewer than four points, or all in "
+          "one plane";
       return;
     case kCodeBadRequest:
       run.outcome = TetgenOutcome::BrokenReply;
-      run.description = "the helper program does not understand the request: it belongs to another "
-                        "version; reinstall cvmesh or correct CVMESH_TETGEN_HELPER";
+      run.description =
+          "the helper program does not understand the request: it belongs to another "
+          "version; reinstall cvmesh or correct CVMESH_TETGEN_HELPER";
       return;
     default:
       run.description = "TetGen gave up with error " + std::to_string(run.reply.code) +
@@ -308,7 +322,9 @@ void describe_refusal(TetgenRun& run, const TetgenLimits& limits) {
 }
 
 /// Why the helper ended without a usable reply.
-void describe_end(TetgenRun& run, int status, const Conversation& talk,
+void describe_end(TetgenRun& run,
+                  int status,
+                  const Conversation& talk,
                   const TetgenLimits& limits) {
   const std::string words = last_line(talk.printed);
   const std::string said = words.empty() ? "" : " (\"" + words + "\")";

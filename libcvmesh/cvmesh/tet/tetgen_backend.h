@@ -1,23 +1,23 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <cstdint>
-#include <string>
-
 #include "cvmesh/core/context.h"
 #include "cvmesh/tet/tetgen_protocol.h"
+
+#include <cstdint>
+#include <string>
 
 namespace cvmesh {
 
 /// How one run of the helper program cvmesh-tetgen ended.
 enum class TetgenOutcome {
-  Meshed,         ///< `reply` holds at least one tet
-  NoTets,         ///< it returned nothing: the surface is not closed
-  Refused,        ///< TetGen gave up with an error number
-  Crashed,        ///< ended by a signal or with an unexpected exit code
-  OutOfMemory,    ///< its memory limit was reached, or the system killed it
-  TimedOut,       ///< the time limit was reached; the helper was killed
-  BrokenReply,    ///< its reply was cut short or does not match its checksum
+  Meshed,       ///< `reply` holds at least one tet
+  NoTets,       ///< it returned nothing: the surface is not closed
+  Refused,      ///< TetGen gave up with an error number
+  Crashed,      ///< ended by a signal or with an unexpected exit code
+  OutOfMemory,  ///< its memory limit was reached, or the system killed it
+  TimedOut,     ///< the time limit was reached; the helper was killed
+  BrokenReply,  ///< its reply was cut short or does not match its checksum
 };
 
 struct TetgenLimits {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/vec3.h"
+
 #include <algorithm>
 #include <array>
 #include <cstddef>
@@ -10,8 +12,6 @@
 #include <type_traits>
 #include <utility>
 #include <vector>
-
-#include "cvmesh/core/vec3.h"
 
 /// What cvmesh and its helper program cvmesh-tetgen say to each other: one request on the helper's
 /// standard input, one reply on its standard output.
@@ -36,6 +36,7 @@ struct Header {
   std::uint64_t memory_limit_bytes = 0;  ///< of a request: address space; 0 none
   std::int64_t parent_pid = 0;           ///< of a request: dies when this process does
 };
+
 static_assert(std::is_trivially_copyable_v<Header>);
 
 /// Target edge lengths on a grid: the value at (i, j, k) sits at origin + (i, j, k) * cell,
@@ -65,10 +66,10 @@ struct SizeGrid {
         at[k] = static_cast<std::size_t>(high ? upper[k] : lower[k]);
         weight *= high ? t[k] : 1 - t[k];
       }
-      sum += weight * static_cast<double>(
-                          values[(at[2] * static_cast<std::size_t>(dims[1]) + at[1]) *
-                                     static_cast<std::size_t>(dims[0]) +
-                                 at[0]]);
+      sum +=
+          weight * static_cast<double>(values[(at[2] * static_cast<std::size_t>(dims[1]) + at[1]) *
+                                                  static_cast<std::size_t>(dims[0]) +
+                                              at[0]]);
     }
     return sum;
   }
@@ -90,6 +91,7 @@ struct Reply {
   std::vector<std::array<std::int32_t, 4>> tets;
   std::vector<std::int32_t> region_of;  ///< per tet: TetGen's number of its connected part
 };
+
 inline constexpr std::int32_t kCodeOutOfMemory = 100;
 inline constexpr std::int32_t kCodeBadRequest = 101;
 inline constexpr std::int32_t kCodeException = 102;

@@ -1,6 +1,14 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/tet/tetrahedralize.h"
 
+#include "cvmesh/core/box3.h"
+#include "cvmesh/core/error.h"
+#include "cvmesh/core/parallel.h"
+#include "cvmesh/mesh/validate.h"
+#include "cvmesh/tet/tetgen_backend.h"
+
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -8,20 +16,12 @@
 #include <numeric>
 #include <utility>
 
-#include <spdlog/spdlog.h>
-
-#include "cvmesh/core/box3.h"
-#include "cvmesh/core/error.h"
-#include "cvmesh/core/parallel.h"
-#include "cvmesh/mesh/validate.h"
-#include "cvmesh/tet/tetgen_backend.h"
-
 namespace cvmesh {
 namespace {
 
 constexpr const char* kStage = "tetrahedra";
-constexpr double kVolumeTolerance = 1e-9;     // relative; sums of doubles are within 1e-12
-constexpr int kMaxSizeNodesPerAxis = 96;      // 96^3 floats: 3.5 MB
+constexpr double kVolumeTolerance = 1e-9;  // relative; sums of doubles are within 1e-12
+constexpr int kMaxSizeNodesPerAxis = 96;   // 96^3 floats: 3.5 MB
 constexpr double kMinSteinerCap = 10000;
 constexpr double kSteinerPerSurfaceVertex = 20;
 // TetGen splits every tet above the volume bound, which leaves a mean volume of about half of it:
@@ -38,8 +38,8 @@ void check_options(const TetrahedralizeOptions& options) {
   require(options.radius_edge_ratio >= 1.0, ErrorCode::BadParameter, kStage,
           "radius_edge_ratio (" + format_number(options.radius_edge_ratio) +
               ") is below 1; TetGen does not end there, use 1.2 or more");
-  require(options.min_dihedral_deg >= 0 && options.min_dihedral_deg <= 25,
-          ErrorCode::BadParameter, kStage,
+  require(options.min_dihedral_deg >= 0 && options.min_dihedral_deg <= 25, ErrorCode::BadParameter,
+          kStage,
           "min_dihedral_deg (" + format_number(options.min_dihedral_deg) +
               ") is not within 0 to 25; use 10");
   require(options.interior_growth >= 0, ErrorCode::BadParameter, kStage,
@@ -96,7 +96,8 @@ tetgen_protocol::SizeGrid sample_sizes(const InterfaceMesh& surface,
   const Grid<float>& source = sizing_field.volume_h_mm;
   if (growth == 0 || source.values.empty()) return grid;
   Box3 box;
-  for (const Vec3& p : surface.points) box.add(p);
+  for (const Vec3& p : surface.points)
+    box.add(p);
   const Vec3 extent = box.extent();
   const double longest = std::max({extent.x, extent.y, extent.z});
   const Vec3 spacing = source.frame.spacing_mm;
@@ -175,6 +176,7 @@ bool is_even(const std::array<std::int32_t, 3>& a, const std::array<std::int32_t
 struct FaceRecord {
   std::array<std::int32_t, 3> key;
   std::int32_t owner = -1;  ///< 4 tet + face; facets: -1 - facet, so that they come first
+
   friend bool operator<(const FaceRecord& a, const FaceRecord& b) {
     return a.key != b.key ? a.key < b.key : a.owner < b.owner;
   }
@@ -185,6 +187,7 @@ class Parts {
   explicit Parts(std::size_t count) : parent_(count) {
     std::iota(parent_.begin(), parent_.end(), 0);
   }
+
   std::int32_t find(std::int32_t t) {
     while (parent_[static_cast<std::size_t>(t)] != t) {
       std::int32_t& p = parent_[static_cast<std::size_t>(t)];
@@ -193,6 +196,7 @@ class Parts {
     }
     return t;
   }
+
   void join(std::int32_t a, std::int32_t b) {
     a = find(a);
     b = find(b);
@@ -212,7 +216,8 @@ double volume6_of(const TetMesh& mesh, const std::array<std::int32_t, 4>& tet) {
 /// the box, which keeps the cancellation small.
 std::vector<double> enclosed_volumes(const InterfaceMesh& surface, std::size_t material_count) {
   Box3 box;
-  for (const Vec3& p : surface.points) box.add(p);
+  for (const Vec3& p : surface.points)
+    box.add(p);
   const Vec3 centre = (box.lo + box.hi) / 2;
   std::vector<double> volumes(material_count, 0.0);
   for (std::size_t f = 0; f < surface.facets.size(); ++f) {
@@ -265,9 +270,11 @@ class Result {
   /// is the opposite of ours. A sliver whose volume rounds to the wrong sign follows the others.
   static void orient(TetMesh& mesh) {
     std::size_t positive = 0;
-    for (const auto& tet : mesh.tets) positive += volume6_of(mesh, tet) > 0 ? 1 : 0;
+    for (const auto& tet : mesh.tets)
+      positive += volume6_of(mesh, tet) > 0 ? 1 : 0;
     if (2 * positive >= mesh.tets.size()) return;
-    for (auto& tet : mesh.tets) std::swap(tet[2], tet[3]);
+    for (auto& tet : mesh.tets)
+      std::swap(tet[2], tet[3]);
   }
 
   /// Tets that are flat to double precision go by flips where they can.
@@ -292,14 +299,17 @@ class Result {
     Parts parts(mesh.tets.size());
     constexpr std::int32_t kUnknown = -1;
     std::vector<std::int32_t> material(mesh.tets.size(), kUnknown);
+
     struct Side {
       std::int32_t tet, facet;
       MaterialId material;
     };
+
     std::vector<Side> sides;
     for (std::size_t i = 0; i < faces.size();) {
       std::size_t end = i;
-      while (end < faces.size() && faces[end].key == faces[i].key) ++end;
+      while (end < faces.size() && faces[end].key == faces[i].key)
+        ++end;
       const bool has_facet = faces[i].owner < 0;
       const std::size_t tets = end - i - (has_facet ? 1 : 0);
       if (tets > 2) return "a face belongs to more than two tets";
@@ -320,8 +330,7 @@ class Result {
       std::int32_t& known = material[static_cast<std::size_t>(parts.find(side.tet))];
       if (known != kUnknown && known != side.material)
         return "a connected part of the tets touches sides of material " + std::to_string(known) +
-               " and " + std::to_string(side.material) + " at " +
-               name_facet(surface_, side.facet);
+               " and " + std::to_string(side.material) + " at " + name_facet(surface_, side.facet);
       known = side.material;
     }
     return keep_meshed(mesh, parts, material);
@@ -347,8 +356,8 @@ class Result {
   [[nodiscard]] MaterialId side_of(const TetMesh& mesh,
                                    std::int32_t owner,
                                    std::int32_t facet) const {
-    const auto face =
-        face_of(mesh.tets[static_cast<std::size_t>(owner / 4)], static_cast<std::size_t>(owner % 4));
+    const auto face = face_of(mesh.tets[static_cast<std::size_t>(owner / 4)],
+                              static_cast<std::size_t>(owner % 4));
     const Sides sides = surface_.patch_of[static_cast<std::size_t>(facet)].sides;
     return is_even(face, surface_.facets[static_cast<std::size_t>(facet)]) ? sides.inside
                                                                            : sides.outside;
@@ -374,7 +383,8 @@ class Result {
   void drop_unused_points(TetMesh& mesh) const {
     std::vector<std::int32_t> new_index(mesh.points.size(), -1);
     for (const auto& tet : mesh.tets)
-      for (const std::int32_t v : tet) new_index[static_cast<std::size_t>(v)] = 0;
+      for (const std::int32_t v : tet)
+        new_index[static_cast<std::size_t>(v)] = 0;
     std::size_t kept = 0;
     for (std::size_t v = 0; v < mesh.points.size(); ++v) {
       if (v >= surface_.points.size() && new_index[v] < 0) continue;
@@ -383,7 +393,8 @@ class Result {
     }
     mesh.points.resize(kept);
     for (auto& tet : mesh.tets)
-      for (std::int32_t& v : tet) v = new_index[static_cast<std::size_t>(v)];
+      for (std::int32_t& v : tet)
+        v = new_index[static_cast<std::size_t>(v)];
   }
 
   std::string check_volumes(const TetMesh& mesh) {
@@ -437,7 +448,8 @@ TetMesh fill(const InterfaceMesh& surface,
                ? ErrorCode::Limit
                : ErrorCode::StageFailed;
     TetMesh mesh;
-    if (run.outcome == TetgenOutcome::Meshed) fault = result.build(std::move(run.reply), mesh, context);
+    if (run.outcome == TetgenOutcome::Meshed)
+      fault = result.build(std::move(run.reply), mesh, context);
     if (fault.empty()) {
       stats.switches = name;
       stats.steiner_points = mesh.points.size() - surface.points.size();
@@ -453,7 +465,8 @@ TetMesh fill(const InterfaceMesh& surface,
     context.log->warn("{}: TetGen with {} failed: {}", kStage, name, fault);
   }
   std::string all;
-  for (const std::string& failed : stats.failed_attempts) all += "\n" + failed;
+  for (const std::string& failed : stats.failed_attempts)
+    all += "\n" + failed;
   throw Error(code, kStage,
               "none of " + std::to_string(stats.attempts) +
                   " sets of TetGen switches filled the surface:" + all);

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <string>
-#include <vector>
-
 #include "cvmesh/core/context.h"
 #include "cvmesh/mesh/interface_mesh.h"
 #include "cvmesh/mesh/tet_mesh.h"
 #include "cvmesh/sizing/sizing_field.h"
 #include "cvmesh/tet/improve_tets.h"
+
+#include <string>
+#include <vector>
 
 namespace cvmesh {
 
@@ -18,7 +18,7 @@ struct TetrahedralizeOptions {
   double interior_growth = 1.0;    ///< interior edge length over the sizing field; 0: no bound
   double time_limit_s = 1800;      ///< of one TetGen run
   double memory_limit_mb = 0;      ///< of the TetGen process; 0: none
-  int improvement_passes = 8;      ///< of `improve_tets` over the result; 0 turns it off
+  int improvement_passes = 5;      ///< of `improve_tets` over the result; 0 turns it off
 };
 
 struct TetrahedralizeStats {

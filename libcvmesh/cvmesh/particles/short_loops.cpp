@@ -1,0 +1,316 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/particles/short_loops.h"
+
+#include "cvmesh/core/parallel.h"
+#include "cvmesh/core/random.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <queue>
+#include <tuple>
+#include <utility>
+
+namespace cvmesh {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+// Steps of h that a loop must have room for: three, a tenth for the detour that paths along edges
+// make, and some for the spread of the particles.
+constexpr double kStepsPerLoop = 3.8;
+constexpr double kRootSpacing = 1.0;   // over h
+constexpr int kTightenRounds = 3;
+constexpr std::size_t kRootsPerTask = 256;
+
+struct Edge {
+  std::int32_t a = -1, b = -1;
+  std::array<std::int32_t, 2> facet{-1, -1};
+  double length = 0;
+  std::uint64_t word = 0;  // of the cocycle
+};
+
+struct Loop {
+  double length = kInfinity;
+  std::vector<std::int32_t> vertices;
+};
+
+// One sheet as a graph of its own.
+class SheetGraph {
+ public:
+  SheetGraph(const InterfaceMesh& dense, const std::vector<std::int32_t>& facets) {
+    for (const auto f : facets) {
+      const auto& v = dense.facets[f];
+      vertices.insert(vertices.end(), v.begin(), v.end());
+    }
+    std::sort(vertices.begin(), vertices.end());
+    vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
+    const auto local = [&](std::int32_t v) {
+      return static_cast<std::int32_t>(std::lower_bound(vertices.begin(), vertices.end(), v) -
+                                       vertices.begin());
+    };
+    std::vector<std::tuple<std::int32_t, std::int32_t, std::int32_t>> sides;
+    for (std::size_t f = 0; f < facets.size(); ++f) {
+      const auto& v = dense.facets[facets[f]];
+      const std::array<std::int32_t, 3> w{local(v[0]), local(v[1]), local(v[2])};
+      for (int k = 0; k < 3; ++k) {
+        const auto [a, b] = std::minmax(w[k], w[(k + 1) % 3]);
+        sides.emplace_back(a, b, static_cast<std::int32_t>(f));
+      }
+    }
+    std::sort(sides.begin(), sides.end());
+    edges_of_facet.assign(facets.size(), {-1, -1, -1});
+    for (const auto& [a, b, f] : sides) {
+      if (edges.empty() || edges.back().a != a || edges.back().b != b) {
+        edges.push_back({a, b, {-1, -1}, 0, 0});
+        edges.back().length =
+            distance(dense.points[vertices[a]], dense.points[vertices[b]]);
+      }
+      Edge& edge = edges.back();
+      edge.facet[edge.facet[0] < 0 ? 0 : 1] = f;
+      auto& of_facet = edges_of_facet[f];
+      *std::find(of_facet.begin(), of_facet.end(), -1) =
+          static_cast<std::int32_t>(edges.size() - 1);
+    }
+    first.assign(vertices.size() + 1, 0);
+    for (const Edge& e : edges) {
+      ++first[e.a + 1];
+      ++first[e.b + 1];
+    }
+    for (std::size_t v = 0; v < vertices.size(); ++v) first[v + 1] += first[v];
+    incident.resize(2 * edges.size());
+    auto fill = first;
+    for (std::size_t e = 0; e < edges.size(); ++e) {
+      incident[fill[edges[e].a]++] = static_cast<std::int32_t>(e);
+      incident[fill[edges[e].b]++] = static_cast<std::int32_t>(e);
+    }
+  }
+
+  // False when every loop bounds: a sphere or a disc.
+  bool find_cocycle() {
+    std::vector<bool> is_in_tree(edges.size(), false);
+    std::vector<bool> is_reached(vertices.size(), false);
+    std::vector<std::int32_t> queue{0};
+    is_reached[0] = true;
+    for (std::size_t q = 0; q < queue.size(); ++q)
+      for (auto n = first[queue[q]]; n < first[queue[q] + 1]; ++n) {
+        const auto v = other_end(incident[n], queue[q]);
+        if (is_reached[v]) continue;
+        is_reached[v] = is_in_tree[incident[n]] = true;
+        queue.push_back(v);
+      }
+    // The tree of facets grows from the rim (one node for all of it) or from the first facet.
+    std::vector<bool> is_facet_reached(edges_of_facet.size(), false);
+    std::vector<std::int32_t> parent_edge(edges_of_facet.size(), -1), order;
+    const auto reach = [&](std::int32_t f, std::int32_t through) {
+      if (f < 0 || is_facet_reached[f]) return;
+      is_facet_reached[f] = true;
+      parent_edge[f] = through;
+      if (through >= 0) is_in_tree[through] = true;
+      order.push_back(f);
+    };
+    for (std::size_t e = 0; e < edges.size(); ++e)
+      if (edges[e].facet[1] < 0 && !is_in_tree[e])
+        reach(edges[e].facet[0], static_cast<std::int32_t>(e));
+    if (order.empty()) reach(0, -1);
+    for (std::size_t q = 0; q < order.size(); ++q)
+      for (const auto e : edges_of_facet[order[q]]) {
+        if (is_in_tree[e]) continue;
+        const auto& sides = edges[e].facet;
+        reach(sides[0] == order[q] ? sides[1] : sides[0], e);
+      }
+    const CounterRandom random(0, "short loops");
+    bool has_generator = false;
+    for (std::size_t e = 0; e < edges.size(); ++e) {
+      if (is_in_tree[e]) continue;
+      edges[e].word = random.bits(e) | 1;
+      has_generator = true;
+    }
+    if (!has_generator) return false;
+    // Around every facet the words cancel; from the leaves this fixes the edges of the tree.
+    for (std::size_t q = order.size(); q-- > 0;) {
+      const auto parent = parent_edge[order[q]];
+      if (parent < 0) continue;
+      std::uint64_t word = 0;
+      for (const auto e : edges_of_facet[order[q]])
+        if (e != parent) word ^= edges[e].word;
+      edges[parent].word = word;
+    }
+    return true;
+  }
+
+  [[nodiscard]] std::int32_t other_end(std::int32_t e, std::int32_t v) const {
+    return edges[e].a == v ? edges[e].b : edges[e].a;
+  }
+
+  std::vector<std::int32_t> vertices;  // dense vertex of each, ascending
+  std::vector<Edge> edges;
+  std::vector<std::array<std::int32_t, 3>> edges_of_facet;
+  std::vector<std::int32_t> first, incident;  // edges around each vertex
+};
+
+// Shortest paths from one root, up to a limit. Used again and again: it clears what it touched.
+class LocalPaths {
+ public:
+  explicit LocalPaths(const SheetGraph& graph)
+      : graph_(graph),
+        distance_(graph.vertices.size(), kInfinity),
+        word_(graph.vertices.size(), 0),
+        parent_(graph.vertices.size(), -1) {}
+
+  const std::vector<std::int32_t>& grow(std::int32_t root, double limit) {
+    for (const auto v : reached_) distance_[v] = kInfinity;
+    reached_.clear();
+    std::priority_queue<Item, std::vector<Item>, std::greater<>> queue;
+    distance_[root] = 0;
+    word_[root] = 0;
+    parent_[root] = -1;
+    queue.emplace(0, root);
+    reached_.push_back(root);
+    while (!queue.empty()) {
+      const auto [d, v] = queue.top();
+      queue.pop();
+      if (d > distance_[v]) continue;
+      for (auto n = graph_.first[v]; n < graph_.first[v + 1]; ++n) {
+        const auto e = graph_.incident[n];
+        const auto w = graph_.other_end(e, v);
+        const double next = d + graph_.edges[e].length;
+        if (next > limit || next >= distance_[w]) continue;
+        if (distance_[w] == kInfinity) reached_.push_back(w);
+        distance_[w] = next;
+        word_[w] = word_[v] ^ graph_.edges[e].word;
+        parent_[w] = e;
+        queue.emplace(next, w);
+      }
+    }
+    return reached_;
+  }
+
+  // The shortest loop through the root of `grow` that bounds nothing, among the paths found.
+  [[nodiscard]] Loop shortest_loop() const {
+    double best = kInfinity;
+    std::int32_t closing = -1;
+    for (const auto v : reached_)
+      for (auto n = graph_.first[v]; n < graph_.first[v + 1]; ++n) {
+        const auto e = graph_.incident[n];
+        const Edge& edge = graph_.edges[e];
+        if (edge.a != v || distance_[edge.b] == kInfinity) continue;
+        if ((word_[edge.a] ^ word_[edge.b] ^ edge.word) == 0) continue;
+        const double length = distance_[edge.a] + distance_[edge.b] + edge.length;
+        if (length < best || (length == best && e < closing)) {
+          best = length;
+          closing = e;
+        }
+      }
+    Loop loop;
+    loop.length = best;
+    if (closing < 0) return loop;
+    loop.vertices = path_from(graph_.edges[closing].a);
+    std::reverse(loop.vertices.begin(), loop.vertices.end());
+    const auto back = path_from(graph_.edges[closing].b);
+    loop.vertices.insert(loop.vertices.end(), back.begin(), back.end());
+    return loop;
+  }
+
+ private:
+  using Item = std::pair<double, std::int32_t>;
+
+  [[nodiscard]] std::vector<std::int32_t> path_from(std::int32_t v) const {
+    std::vector<std::int32_t> path{v};
+    while (parent_[v] >= 0) path.push_back(v = graph_.other_end(parent_[v], v));
+    return path;
+  }
+
+  const SheetGraph& graph_;
+  std::vector<double> distance_;
+  std::vector<std::uint64_t> word_;
+  std::vector<std::int32_t> parent_, reached_;  // parent_: edge towards the root
+};
+
+std::vector<std::int32_t> spread_roots(const SheetGraph& graph, const std::vector<double>& h) {
+  std::vector<bool> is_covered(graph.vertices.size(), false);
+  std::vector<std::int32_t> roots;
+  LocalPaths paths(graph);
+  for (std::size_t v = 0; v < graph.vertices.size(); ++v) {
+    if (is_covered[v]) continue;
+    roots.push_back(static_cast<std::int32_t>(v));
+    for (const auto w : paths.grow(roots.back(), kRootSpacing * h[v])) is_covered[w] = true;
+  }
+  return roots;
+}
+
+// The shortest loop near `root`, if it is too short for h there. A narrow place one root spacing
+// away is seen as a loop longer by two spacings.
+Loop find_short_loop(LocalPaths& paths, std::int32_t root, const std::vector<double>& h) {
+  paths.grow(root, 0.5 * (kStepsPerLoop + 2 * kRootSpacing) * h[root]);
+  Loop loop = paths.shortest_loop();
+  for (int round = 0; round < kTightenRounds && !loop.vertices.empty(); ++round) {
+    Loop best = loop;
+    for (const std::size_t part : {1U, 2U, 3U}) {
+      paths.grow(loop.vertices[part * loop.vertices.size() / 4], 0.51 * loop.length);
+      Loop other = paths.shortest_loop();
+      if (other.length < best.length) best = std::move(other);
+    }
+    if (!(best.length < loop.length)) break;
+    loop = std::move(best);
+  }
+  return loop;
+}
+
+void limit_growth(const SheetGraph& graph, double delta, std::vector<double>& h) {
+  using Item = std::pair<double, std::int32_t>;
+  std::priority_queue<Item, std::vector<Item>, std::greater<>> queue;
+  for (std::size_t v = 0; v < h.size(); ++v) queue.emplace(h[v], static_cast<std::int32_t>(v));
+  while (!queue.empty()) {
+    const auto [value, v] = queue.top();
+    queue.pop();
+    if (value > h[v]) continue;
+    for (auto n = graph.first[v]; n < graph.first[v + 1]; ++n) {
+      const auto e = graph.incident[n];
+      const auto w = graph.other_end(e, v);
+      const double bound = value + delta * graph.edges[e].length;
+      if (bound >= h[w]) continue;
+      h[w] = bound;
+      queue.emplace(bound, w);
+    }
+  }
+}
+
+}  // namespace
+
+bool lower_h_at_short_loops(const InterfaceMesh& dense,
+                            const std::vector<std::int32_t>& facets,
+                            double delta,
+                            std::vector<double>& h_mm) {
+  SheetGraph graph(dense, facets);
+  if (!graph.find_cocycle()) return false;
+  std::vector<double> h;
+  for (const auto v : graph.vertices) h.push_back(h_mm[v]);
+  const auto roots = spread_roots(graph, h);
+  std::vector<Loop> loops(roots.size());
+  const std::size_t tasks = (roots.size() + kRootsPerTask - 1) / kRootsPerTask;
+  parallel_for_each_index(
+      0, tasks,
+      [&](std::size_t t) {
+        LocalPaths paths(graph);
+        for (std::size_t r = t * kRootsPerTask; r < std::min(roots.size(), (t + 1) * kRootsPerTask);
+             ++r)
+          loops[r] = find_short_loop(paths, roots[r], h);
+      },
+      1);
+  bool is_changed = false;
+  std::vector<double> lowered = h;
+  for (const Loop& loop : loops)
+    for (const auto v : loop.vertices)
+      if (loop.length < kStepsPerLoop * lowered[v]) {
+        lowered[v] = loop.length / kStepsPerLoop;
+        is_changed = true;
+      }
+  if (!is_changed) return false;
+  limit_growth(graph, delta, lowered);
+  for (std::size_t v = 0; v < lowered.size(); ++v)
+    h_mm[graph.vertices[v]] = std::min(h_mm[graph.vertices[v]], lowered[v]);
+  return true;
+}
+
+}  // namespace cvmesh

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/mesh/interface_mesh.h"
+
+#include <cstdint>
+#include <vector>
+
+namespace cvmesh {
+
+/// Lowers `h_mm` on one sheet of the dense surface where a tube or a tunnel is too narrow for it:
+/// every short loop that bounds nothing gets room for at least three particles. With fewer, the
+/// sparse surface could not have the handle at all.
+///
+/// A loop bounds nothing if it is not zero in the homology of the sheet with two coefficients. A
+/// tree of edges and a tree of facets leave one edge per generator [Eppstein 2003]; random words
+/// on these, carried through the tree of facets, make a cocycle that tells such loops by an
+/// exclusive or along their edges. Shortest loops come from local shortest-path trees around roots
+/// a target edge apart, and are then tightened. Away from a lowered place h may grow with
+/// slope `delta` again.
+/// @param facets  of the sheet, edge-connected
+/// @return        true when h was changed
+bool lower_h_at_short_loops(const InterfaceMesh& dense,
+                            const std::vector<std::int32_t>& facets,
+                            double delta,
+                            std::vector<double>& h_mm);
+
+}  // namespace cvmesh

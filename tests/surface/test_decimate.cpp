@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/mesh/validate.h"
+#include "cvmesh/surface/decimate.h"
+#include "cvmesh/surface/flip_edges.h"
+
+#include "support/catch.h"
+#include "support/phantoms.h"
+#include "surface/dense_phantoms.h"
+#include <algorithm>
+#include <cmath>
+
+using namespace cvmesh;
+using dense_phantoms::DensePhantom;
+
+namespace {
+
+DecimateResult thin_out(const DensePhantom& dense, const std::vector<bool>& keep,
+                        const DecimateOptions& options = {}, std::uint64_t seed = 1) {
+  return decimate(MaterialSurfaces(dense.mesh, dense.material_count), keep, dense.voxel_mm, options,
+                  silent_context(seed));
+}
+
+}  // namespace
+
+TEST_CASE("decimate: keeps topology, closedness and embedding on every phantom and seed",
+          "[surface][property]") {
+  for (const auto& [name, volume] : phantoms::all_small()) {
+    const DensePhantom dense = dense_phantoms::make(volume);
+    for (const std::uint64_t seed : {1, 2}) {
+      CAPTURE(name, seed);
+      const auto keep = dense_phantoms::random_choice(dense.strata, 0.06, seed);
+      const DecimateResult result = thin_out(dense, keep, {}, seed);
+      const Validation validation = result.surfaces.validate();
+      INFO(validation.summary());
+      REQUIRE(validation.is_valid());
+      dense_phantoms::require_same_topology(result.surfaces.to_interface_mesh(), dense);
+      // what is left: the chosen vertices and those that the statistics name
+      const auto chosen = static_cast<std::size_t>(std::count(keep.begin(), keep.end(), true));
+      REQUIRE(result.surfaces.vertex_count() == chosen + result.stats.kept.size());
+    }
+  }
+}
+
+TEST_CASE("decimate: a ball keeps only its chosen vertices and stays near the dense surface",
+          "[surface][unit]") {
+  const DensePhantom dense = dense_phantoms::make(phantoms::ball(10));
+  const DecimateResult result =
+      thin_out(dense, dense_phantoms::random_choice(dense.strata, 0.05, 3));
+  CHECK(result.stats.kept.empty());
+  const InterfaceMesh sparse = result.surfaces.to_interface_mesh();
+  // Chosen at random, 5 % of about 3,000 vertices are up to 6 voxels apart; a chord of that length
+  // on a radius of 10 is 0.46 voxel deep.
+  Box3 box;
+  for (const Vec3& p : dense.mesh.points) box.add(p);
+  for (const auto& facet : sparse.facets) {
+    const Vec3 middle = (sparse.points[facet[0]] + sparse.points[facet[1]] +
+                         sparse.points[facet[2]]) / 3;
+    const double r = distance(middle, 0.5 * (box.lo + box.hi));
+    CHECK(r > 8.2);
+    CHECK(r < 10.6);
+  }
+}
+
+TEST_CASE("decimate: on_degenerate fail names the way out", "[surface][unit]") {
+  // Nothing but two vertices of a ball is to stay: no closed surface has so few.
+  const DensePhantom dense = dense_phantoms::make(phantoms::ball(4));
+  std::vector<bool> keep(dense.mesh.points.size(), false);
+  keep[0] = keep[keep.size() / 2] = true;
+  CHECK_THROWS_WITH(thin_out(dense, keep, {.on_degenerate = OnDegenerate::Fail}),
+                    Catch::Contains("degenerate vertex distribution") &&
+                        Catch::Contains("lower epsilon"));
+  const DecimateResult result = thin_out(dense, keep);
+  CHECK(result.surfaces.vertex_count() >= 4);
+  CHECK(result.stats.kept.size() == result.surfaces.vertex_count() - 2);
+  dense_phantoms::require_same_topology(result.surfaces.to_interface_mesh(), dense);
+}
+
+TEST_CASE("decimate: a thin curved shell sampled far too sparsely never intersects itself",
+          "[surface][property]") {
+  // The paper's Fig. 7.9: chords across the shell would cross its other wall.
+  const InputVolume shell = phantoms::sample(
+      phantoms::frame_around({14, 14, 14}), [](const Vec3& p) {
+        const double r = norm(p);
+        return Label{r < 12 && r > 10.2 && p.z > -4 ? 1 : 0};
+      });
+  const DensePhantom dense = dense_phantoms::make(shell);
+  const DecimateResult result =
+      thin_out(dense, dense_phantoms::random_choice(dense.strata, 0.004, 1));
+  dense_phantoms::require_same_topology(result.surfaces.to_interface_mesh(), dense);
+  CHECK_FALSE(result.stats.kept.empty());
+  for (const KeptVertex& kept : result.stats.kept) CHECK_FALSE(kept.reason.empty());
+}
+
+TEST_CASE("decimate: equal seeds give equal meshes, other seeds other meshes",
+          "[surface][determinism]") {
+  const DensePhantom dense = dense_phantoms::make(phantoms::three_material_wedge(80, 8));
+  const auto keep = dense_phantoms::random_choice(dense.strata, 0.05, 1);
+  const InterfaceMesh a = thin_out(dense, keep).surfaces.to_interface_mesh();
+  const InterfaceMesh b = thin_out(dense, keep).surfaces.to_interface_mesh();
+  const InterfaceMesh c = thin_out(dense, keep, {}, 2).surfaces.to_interface_mesh();
+  CHECK(a.points == b.points);
+  CHECK(a.facets == b.facets);
+  CHECK(a.facets != c.facets);
+}
+
+TEST_CASE("flip_edges: keeps every invariant and leaves nothing to gain", "[surface][property]") {
+  for (const auto& volume : {phantoms::ball(8), phantoms::three_material_wedge(75, 8),
+                             phantoms::torus(9, 3), phantoms::box_without_background()}) {
+    const DensePhantom dense = dense_phantoms::make(volume);
+    auto thinned = thin_out(dense, dense_phantoms::random_choice(dense.strata, 0.06, 1));
+    const FlipEdgesOptions options{.max_passes = 100};
+    auto flipped = flip_edges(std::move(thinned.surfaces), dense.voxel_mm, options,
+                              silent_context());
+    CHECK(flipped.stats.passes < options.max_passes);
+    REQUIRE(flipped.surfaces.validate().is_valid());
+    dense_phantoms::require_same_topology(flipped.surfaces.to_interface_mesh(), dense);
+    const auto again = flip_edges(std::move(flipped.surfaces), dense.voxel_mm, options,
+                                  silent_context());
+    CHECK(again.stats.flips == 0);
+  }
+}

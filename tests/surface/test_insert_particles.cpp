@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/random.h"
+#include "cvmesh/mesh/validate.h"
+#include "cvmesh/surface/insert_particles.h"
+
+#include "support/catch.h"
+#include "support/phantoms.h"
+#include "surface/dense_phantoms.h"
+#include <algorithm>
+#include <set>
+
+using namespace cvmesh;
+using dense_phantoms::DensePhantom;
+
+namespace {
+
+// Particles at every corner, on a share of the curve edges, and inside a share of the facets.
+ParticleSet particles_on(const DensePhantom& dense, double share) {
+  const CounterRandom random(4, "particles");
+  ParticleSet set;
+  const auto& points = dense.mesh.points;
+  for (std::size_t v = 0; v < points.size(); ++v) {
+    if (dense.strata.dimension[v] != 0) continue;
+    Particle p{.position = points[v], .h_mm = 1, .dimension = 0,
+               .stratum = static_cast<std::int32_t>(v)};
+    p.carrier[0] = static_cast<std::int32_t>(v);
+    set.particles.push_back(p);
+  }
+  for (std::size_t c = 0; c < dense.strata.curves.size(); ++c) {
+    const auto& chain = dense.strata.curves[c].vertices;
+    for (std::size_t n = 0; n + 1 < chain.size(); ++n) {
+      const std::int32_t a = chain[n], b = chain[n + 1];
+      if (random.uniform(n, c) > share) continue;
+      Particle p{.h_mm = 1, .dimension = 1, .stratum = static_cast<std::int32_t>(c)};
+      p.position = points[a] + random.uniform(n, c + 1000) * (points[b] - points[a]);
+      p.carrier[0] = a;
+      p.carrier[1] = b;
+      set.particles.push_back(p);
+    }
+  }
+  for (std::size_t f = 0; f < dense.mesh.facets.size(); ++f) {
+    if (random.uniform(f, 1) > share) continue;
+    const auto& v = dense.mesh.facets[f];
+    double u = random.uniform(f, 2), w = random.uniform(f, 3);
+    if (u + w > 1) {
+      u = 1 - u;
+      w = 1 - w;
+    }
+    Particle p{.h_mm = 1, .dimension = 2, .stratum = dense.strata.patch_of[f]};
+    p.position = points[v[0]] + u * (points[v[1]] - points[v[0]]) + w * (points[v[2]] - points[v[0]]);
+    p.carrier[0] = static_cast<std::int32_t>(f);
+    set.particles.push_back(p);
+  }
+  return set;
+}
+
+}  // namespace
+
+TEST_CASE("insert_particles: every particle becomes a vertex of its own, at its place",
+          "[surface][property]") {
+  for (const auto& volume :
+       {phantoms::ball(6), phantoms::three_material_wedge(75, 6), phantoms::four_material_corner(6),
+        phantoms::box_without_background({8, 7, 6})}) {
+    const DensePhantom dense = dense_phantoms::make(volume);
+    for (const double share : {0.05, 0.5}) {
+      CAPTURE(share);
+      const ParticleSet set = particles_on(dense, share);
+      const InsertParticlesResult result =
+          insert_particles(MaterialSurfaces(dense.mesh, dense.material_count), dense.strata, set,
+                           dense.voxel_mm, silent_context());
+      const Validation validation = result.surfaces.validate();
+      INFO(validation.summary());
+      REQUIRE(validation.is_valid());
+      dense_phantoms::require_same_topology(result.surfaces.to_interface_mesh(), dense);
+      REQUIRE(result.vertex_of.size() == set.particles.size());
+      const std::set<std::int32_t> distinct(result.vertex_of.begin(), result.vertex_of.end());
+      REQUIRE(distinct.size() == set.particles.size());
+      std::size_t elsewhere = 0;
+      for (std::size_t p = 0; p < set.particles.size(); ++p) {
+        const Vec3& at = result.surfaces.points()[result.vertex_of[p]];
+        if (distance(at, set.particles[p].position) > 1e-9) ++elsewhere;
+        REQUIRE(distance(at, set.particles[p].position) < dense.voxel_mm);
+      }
+      CHECK(elsewhere <= result.stats.off_position);
+      // particles on the dense surface itself: only crowding can keep one from its place
+      CHECK(result.stats.off_position <= set.particles.size() / 20);
+      CHECK(result.stats.snapped + result.stats.edge_splits + result.stats.facet_splits ==
+            set.particles.size());
+    }
+  }
+}
