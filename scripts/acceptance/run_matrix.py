@@ -172,12 +172,9 @@ def read_own_metrics(row, path):
         metrics = json.loads(path.read_text())
     except (OSError, ValueError):
         return
-    dense = find_deep(metrics, "to_dense")
-    overall = find(dense, "overall", "voxels") or find(dense, "voxels")
-    ways = [find(overall, way) for way in ("mesh_to_reference", "reference_to_mesh")]
-    if all(isinstance(way, dict) and "max" in way and "mean" in way for way in ways):
-        row["dense_max_vox"] = max(way["max"] for way in ways)
-        row["dense_mean_vox"] = sum(way["mean"] for way in ways) / 2
+    dense = find(find_deep(metrics, "distances"), "to_dense", "voxels")
+    row["dense_max_vox"] = find(dense, "hausdorff_lower_bound")
+    row["dense_mean_vox"] = find(dense, "mean_symmetric")
 
 
 def run_one(arguments, name, path, epsilon):

@@ -30,8 +30,7 @@ namespace {
 /// Records what a progress sink is told.
 class Recorder : public ProgressSink {
  public:
-  std::vector<std::string> begun, ended;
-  bool is_ordered = true;
+  std::vector<std::string> begun, ended, faults;
 
   void begin(std::string_view stage) override {
     begun.emplace_back(stage);
@@ -39,13 +38,15 @@ class Recorder : public ProgressSink {
   }
 
   void advance(std::string_view stage, double fraction) override {
-    is_ordered = is_ordered && stage == begun.back() && fraction >= last_ && fraction <= 1;
+    if (stage != begun.back() || fraction < last_ || fraction > 1)
+      faults.push_back(std::string(stage) + " at " + std::to_string(fraction) + " after " +
+                       std::to_string(last_) + " of " + begun.back());
     last_ = fraction;
   }
 
   void end(std::string_view stage, double seconds, std::string_view summary) override {
     ended.emplace_back(stage);
-    is_ordered = is_ordered && seconds >= 0 && !summary.empty();
+    if (seconds < 0 || summary.empty()) faults.push_back(std::string(stage) + " ended badly");
   }
 
  private:
@@ -98,7 +99,7 @@ TEST_CASE("run_pipeline: every stage runs once, in order, and reports its progre
       kDecimation, kEdgeFlipping, kTetrahedra,    kMetrics,    kWrite};
   CHECK(recorder.begun == expected);
   CHECK(recorder.ended == expected);
-  CHECK(recorder.is_ordered);
+  CHECK(recorder.faults == std::vector<std::string>{});
   CHECK(result.report.timings.size() == expected.size());
   CHECK(names_in(folder / "out") ==
         std::vector<std::string>{"a.mesh", "a.metrics.json", "a.surface.vtp", "a.vtu"});
@@ -111,8 +112,8 @@ TEST_CASE("run_pipeline: every stage runs once, in order, and reports its progre
   for (const auto& label : json["results"]["labels"]) {
     INFO(label.dump());
     CHECK(label["tets"] > 0);
-    // A ball of 5 voxels loses at most a few percent to the chords of its facets.
-    CHECK(std::abs(label["volume"]["relative_error"].get<double>()) < 0.15);
+    // About 40 vertices on the inner ball: even the regular sphere of 42 loses 13 % to its chords.
+    CHECK(std::abs(label["volume"]["relative_error"].get<double>()) < 0.2);
     CHECK(label["topology"]["mesh"]["components"] == 1);
   }
 }

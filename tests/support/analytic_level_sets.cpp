@@ -80,9 +80,11 @@ LevelSets analytic_level_sets(const GridFrame& frame,
             const int j = std::min(bj * kBlock + n / kBlock % kBlock, frame.dims[1] - 1);
             const int k = std::min(bk * kBlock + n / kBlock / kBlock, frame.dims[2] - 1);
             const Vec3 p = frame.index_to_mm({double(i), double(j), double(k)});
-            const double d = in_voxels(frame, p, [&](const Vec3& q) {
-                               return signed_distance_mm(static_cast<MaterialId>(m), q);
-                             }) / kVoxelsToOne;
+            const double d = in_voxels(frame, p,
+                                       [&](const Vec3& q) {
+                                         return signed_distance_mm(static_cast<MaterialId>(m), q);
+                                       }) /
+                             kVoxelsToOne;
             field.values.push_back(static_cast<float>((*labels)(i, j, k) == m
                                                           ? std::clamp(d, kMargin, 1.0)
                                                           : std::clamp(d, -1.0, -kMargin)));

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/levelset/level_sets.h"
+
 #include <array>
 #include <cstddef>
 #include <functional>
-
-#include "cvmesh/levelset/level_sets.h"
 
 namespace cvmesh::test_support {
 
@@ -19,8 +19,8 @@ GridFrame plain_frame(const std::array<int, 3>& dims, const Vec3& spacing_mm = {
 Vec3 middle_of(const GridFrame& frame);
 
 /// Level sets of known shapes: each node belongs to the material of the largest distance, its
-/// values are the distances over 1.5 voxels (in index space), clamped to [-1, 1] and at least 0.05 from zero on the
-/// side of the node's label.
+/// values are the distances over 1.5 voxels (in index space), clamped to [-1, 1] and at least 0.05
+/// from zero on the side of the node's label.
 LevelSets analytic_level_sets(const GridFrame& frame,
                               std::size_t material_count,
                               const SignedDistance& signed_distance_mm);

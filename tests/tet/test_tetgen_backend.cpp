@@ -185,7 +185,7 @@ TEST_CASE("run_tetgen: the memory limit is named when it is reached", "[tet][uni
   find_helper();
   const TetgenRun result = run_tetgen(endless(), {60, 64}, silent_context());
   CHECK(result.outcome == TetgenOutcome::OutOfMemory);
-  CHECK(contains(result.description, "tet.memory_limit_mb (64)"));
+  CHECK(contains(result.description, "tetgen_memory_limit_mb (64)"));
 }
 
 TEST_CASE("run_tetgen: a cancel stops the helper at once", "[tet][unit]") {

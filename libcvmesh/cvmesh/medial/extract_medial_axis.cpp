@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/medial/extract_medial_axis.h"
 
+#include "cvmesh/core/parallel.h"
+#include "cvmesh/medial/feature_transform.h"
+#include "cvmesh/medial/point_tree.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -8,10 +12,6 @@
 #include <set>
 #include <utility>
 #include <vector>
-
-#include "cvmesh/core/parallel.h"
-#include "cvmesh/medial/feature_transform.h"
-#include "cvmesh/medial/point_tree.h"
 
 namespace cvmesh {
 namespace {
@@ -21,9 +21,9 @@ constexpr char kStage[] = "medial axis";
 // Walls are opposed when their normals are more than 120 degrees apart.
 constexpr double kOpposedCosine = -0.5;
 
-// Walls whose normals are less than 45 degrees apart are one smooth wall, seen through sites that
-// are far apart: between thick slices the sites leave gaps that look like medial pairs. The ratio
-// of the pruning asks for 70 degrees between the directions to the sites.
+// Walls whose normals are less than 25 degrees apart are one smooth wall, seen through sites that
+// are far apart: between thick slices the sites leave gaps that look like medial pairs. True pairs
+// pass: the ratio of the pruning asks for 70 degrees between the directions to the sites.
 constexpr double kSameWallCosine = 0.9;
 
 // The walls of a wedge are nearest to its curve within this many chords: 12 covers wedges down to
@@ -52,14 +52,18 @@ class JunctionCurves {
         if (patch.wall == 0) materials.insert({patch.sides.inside, patch.sides.outside});
       const auto triples = triples_of(materials);
       for (const auto v : curve.vertices) {
-        if (strata.dimension[v] == 0) at_corner[v].insert(materials.begin(), materials.end());
+        if (strata.dimension[v] == 0)
+          at_corner[v].insert(materials.begin(), materials.end());
         else
-          for (const auto& t : triples) points[t].push_back(dense.points[v]);
+          for (const auto& t : triples)
+            points[t].push_back(dense.points[v]);
       }
     }
     for (const auto& [v, materials] : at_corner)
-      for (const auto& t : triples_of(materials)) points[t].push_back(dense.points[v]);
-    for (auto& [triple, list] : points) trees_.emplace(triple, PointTree(std::move(list)));
+      for (const auto& t : triples_of(materials))
+        points[t].push_back(dense.points[v]);
+    for (auto& [triple, list] : points)
+      trees_.emplace(triple, PointTree(std::move(list)));
   }
 
   // The point nearest to p of the curves where these three meet; null when there is none.
@@ -76,7 +80,8 @@ class JunctionCurves {
     std::vector<Triple> triples;
     for (std::size_t a = 0; a < m.size(); ++a)
       for (std::size_t b = a + 1; b < m.size(); ++b)
-        for (std::size_t c = b + 1; c < m.size(); ++c) triples.push_back({m[a], m[b], m[c]});
+        for (std::size_t c = b + 1; c < m.size(); ++c)
+          triples.push_back({m[a], m[b], m[c]});
     return triples;
   }
 
@@ -134,11 +139,8 @@ class PairTest {
 
   // Centre of the ball that touches both walls: fp + r np = fq + r nq in the least squares sense,
   // so r = -(fp - fq).(np - nq) / |np - nq|^2. Exact for spheres, tubes and plates.
-  [[nodiscard]] Vec3 ball_centre(const Vec3& bisector,
-                                 const Vec3& fp,
-                                 const Vec3& fq,
-                                 const Vec3& np,
-                                 const Vec3& nq) const {
+  [[nodiscard]] Vec3 ball_centre(
+      const Vec3& bisector, const Vec3& fp, const Vec3& fq, const Vec3& np, const Vec3& nq) const {
     const double n2 = squared_norm(np - nq);
     if (n2 < 0.5) return bisector;
     const double r = -dot(fp - fq, np - nq) / n2;
@@ -238,8 +240,7 @@ void find_on_lines(const LevelSets& level_sets,
 void append(MedialAxis& axis, MedialAxis&& part) {
   axis.points.insert(axis.points.end(), part.points.begin(), part.points.end());
   axis.radius_mm.insert(axis.radius_mm.end(), part.radius_mm.begin(), part.radius_mm.end());
-  axis.material_of.insert(axis.material_of.end(), part.material_of.begin(),
-                          part.material_of.end());
+  axis.material_of.insert(axis.material_of.end(), part.material_of.begin(), part.material_of.end());
 }
 
 }  // namespace
@@ -259,12 +260,15 @@ MedialAxisResult extract_medial_axis(const LevelSets& level_sets,
   const PairTest test(frame, curves, options);
   // Slices first, then blocks of lines per axis: a fixed list of parts, joined in its order.
   constexpr std::size_t kLinesPerPart = 4096;
+
   struct Part {
     int axis;  // -1: slice `begin`
     std::size_t begin, end;
   };
+
   std::vector<Part> parts;
-  for (int k = 0; k < frame.dims[2]; ++k) parts.push_back({-1, std::size_t(k), std::size_t(k)});
+  for (int k = 0; k < frame.dims[2]; ++k)
+    parts.push_back({-1, std::size_t(k), std::size_t(k)});
   for (int axis = 0; axis < 3; ++axis) {
     const std::size_t lines = sites.first[axis].size() - 1;
     for (std::size_t begin = 0; begin < lines; begin += kLinesPerPart)

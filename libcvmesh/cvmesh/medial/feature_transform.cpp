@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/medial/feature_transform.h"
 
+#include "cvmesh/core/error.h"
+#include "cvmesh/core/parallel.h"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
-
-#include "cvmesh/core/error.h"
-#include "cvmesh/core/parallel.h"
 
 namespace cvmesh {
 namespace {
@@ -37,6 +37,26 @@ struct Lines {
   }
 };
 
+// Mean gradient of the four cells around an edge along `axis`: one cell alone knows the field on
+// one side only, which tilts the normal where the field is curved or the slices are thick.
+Vec3 normal_on_edge(const LevelSets& level_sets,
+                    const InterfaceSite& site,
+                    const Vec3& p,
+                    int axis) {
+  constexpr double kIntoCell = 1e-3;  // of a spacing
+  const Vec3& spacing = level_sets.frame().spacing_mm;
+  const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+  Vec3 sum;
+  for (const double du : {-kIntoCell, kIntoCell})
+    for (const double dv : {-kIntoCell, kIntoCell}) {
+      Vec3 q = p;
+      q[u] += du * spacing[u];
+      q[v] += dv * spacing[v];
+      sum += level_sets.sample_difference(site.a, site.b, q).gradient;
+    }
+  return normalized(sum);
+}
+
 InterfaceSite make_site(const LevelSets& level_sets, std::array<int, 3> node, int axis) {
   const auto& labels = *level_sets.labels;
   auto next = node;
@@ -53,7 +73,7 @@ InterfaceSite make_site(const LevelSets& level_sets, std::array<int, 3> node, in
   Vec3 index{double(node[0]), double(node[1]), double(node[2])};
   index[axis] += t;
   const Vec3 p = level_sets.frame().index_to_mm(index);
-  const Vec3 n = normalized(level_sets.sample_difference(site.a, site.b, p).gradient);
+  const Vec3 n = normal_on_edge(level_sets, site, p, axis);
   for (int c = 0; c < 3; ++c) {
     site.position_mm[c] = static_cast<float>(p[c]);
     site.normal[c] = static_cast<float>(n[c]);
@@ -87,12 +107,14 @@ class Envelope {
     from_[0] = -std::numeric_limits<double>::infinity();
     for (int q = 1; q < count_; ++q) {
       double x = crossing(kept_[top], q);
-      while (x <= from_[top]) x = crossing(kept_[--top], q);
+      while (x <= from_[top])
+        x = crossing(kept_[--top], q);
       kept_[++top] = q;
       from_[top] = x;
     }
     for (int slot = 0, e = 0; slot < n; ++slot) {
-      while (e < top && from_[e + 1] < slot * step) ++e;
+      while (e < top && from_[e + 1] < slot * step)
+        ++e;
       write(slot, site_[kept_[e]]);
     }
   }
@@ -121,9 +143,8 @@ class Transform {
     Envelope envelope(std::max(nx, ny));
     for (int j = 0; j < ny; ++j) {
       std::int32_t* row = slice + static_cast<std::size_t>(j) * nx;
-      nearest_on_line(0, static_cast<std::size_t>(k) * ny + j, nx, [&](int i, std::int32_t s) {
-        row[i] = s;
-      });
+      nearest_on_line(0, static_cast<std::size_t>(k) * ny + j, nx,
+                      [&](int i, std::int32_t s) { row[i] = s; });
     }
     along_y(k, slice, envelope);
     for (int i = 0; i < nx; ++i)

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <array>
-#include <cstdint>
-#include <vector>
-
 #include "cvmesh/core/label.h"
 #include "cvmesh/grid/grid.h"
 #include "cvmesh/levelset/level_sets.h"
+
+#include <array>
+#include <cstdint>
+#include <vector>
 
 namespace cvmesh {
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <vector>
-
 #include "cvmesh/core/label.h"
 #include "cvmesh/core/vec3.h"
+
+#include <vector>
 
 namespace cvmesh {
 
@@ -16,7 +16,7 @@ namespace cvmesh {
 /// the same level sets give the same points.
 struct MedialAxis {
   std::vector<Vec3> points;
-  std::vector<double> radius_mm;           ///< distance to the nearest boundary site
+  std::vector<double> radius_mm;  ///< distance to the nearest boundary site
   std::vector<MaterialId> material_of;
 };
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/medial/point_tree.h"
 
+#include <nanoflann.hpp>
+
 #include <cmath>
 #include <utility>
-
-#include <nanoflann.hpp>
 
 namespace cvmesh {
 namespace {
@@ -26,10 +26,8 @@ struct Cloud {
   }
 };
 
-using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Cloud>,
-                                                 Cloud,
-                                                 3,
-                                                 std::uint32_t>;
+using Tree = nanoflann::
+    KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Cloud>, Cloud, 3, std::uint32_t>;
 
 // Keeps the nearest point that is accepted; ties go to the smaller index. The tree reads the worst
 // distance once per leaf, so a candidate may be no improvement.
@@ -92,9 +90,13 @@ PointTree::~PointTree() = default;
 PointTree::PointTree(PointTree&&) noexcept = default;
 PointTree& PointTree::operator=(PointTree&&) noexcept = default;
 
-bool PointTree::is_empty() const { return index_->cloud.points.empty(); }
+bool PointTree::is_empty() const {
+  return index_->cloud.points.empty();
+}
 
-const std::vector<Vec3>& PointTree::points() const { return index_->cloud.points; }
+const std::vector<Vec3>& PointTree::points() const {
+  return index_->cloud.points;
+}
 
 PointTree::Hit PointTree::nearest(const Vec3& p) const {
   if (is_empty()) return {};

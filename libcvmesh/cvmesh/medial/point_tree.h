@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/vec3.h"
+
 #include <cstdint>
 #include <functional>
 #include <limits>
 #include <memory>
 #include <vector>
-
-#include "cvmesh/core/vec3.h"
 
 namespace cvmesh {
 

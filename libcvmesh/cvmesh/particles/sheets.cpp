@@ -144,15 +144,18 @@ void Sheets::measure_sheets() {
     }
     vertex_normal_[v] = normalized(sum);
   });
-  for (Sheet& sheet : sheets) {
-    std::vector<std::int32_t> vertices;
-    vertices.reserve(3 * sheet.facets.size());
+  std::vector<std::int32_t> last_sheet(dense.points.size(), -1);
+  for (std::size_t s = 0; s < sheets.size(); ++s) {
+    Sheet& sheet = sheets[s];
     double angles = 0;
     std::size_t boundary_edges = 0;
     for (const auto f : sheet.facets) {
       const auto& v = dense.facets[f];
       for (int k = 0; k < 3; ++k) {
-        vertices.push_back(v[k]);
+        if (last_sheet[v[k]] != static_cast<std::int32_t>(s)) {
+          last_sheet[v[k]] = static_cast<std::int32_t>(s);
+          ++sheet.vertex_count;
+        }
         if (across_[f][k] < 0) ++boundary_edges;
         if (dimension[v[k]] == 2) continue;
         const Vec3 a = dense.points[v[(k + 1) % 3]] - dense.points[v[k]];
@@ -164,18 +167,18 @@ void Sheets::measure_sheets() {
     sheet.boundary_turns =
         (std::numbers::pi * static_cast<double>(boundary_edges) - angles) / (2 * std::numbers::pi);
     if (sheet.is_closed) sheet.boundary_turns = 0;
-    std::sort(vertices.begin(), vertices.end());
-    vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
-    sheet.vertex_count = vertices.size();
-    for (const auto v : vertices)
-      if (dimension[v] == 2) sheet.inner_vertices.push_back(v);
+    const std::size_t edges = (3 * sheet.facets.size() + boundary_edges) / 2;
+    const auto euler = static_cast<long long>(sheet.vertex_count + sheet.facets.size()) -
+                       static_cast<long long>(edges);
+    sheet.has_handles = euler < (sheet.is_closed ? 2 : 1);
   }
 }
 
 void Sheets::lower_h() {
   for (Sheet& sheet : sheets) {
     sheet.lattice_count = sheet.field_count = count_at_h(sheet);
-    lower_h_at_short_loops(domain_.dense, sheet.facets, domain_.sizing_field.delta, h_mm);
+    if (sheet.has_handles)
+      lower_h_at_short_loops(domain_.dense, sheet.facets, domain_.sizing_field.delta, h_mm);
   }
   // A lowered h on a curve counts for all sheets around it.
   for (Sheet& sheet : sheets) sheet.lattice_count = count_at_h(sheet);
@@ -209,9 +212,9 @@ Sheets::OnFacet Sheets::nearest_in(std::int32_t facet, const Vec3& p) const {
   return {facet, q, squared_norm(p - q)};
 }
 
-// Downhill over edge neighbours; where these are no better, over all facets around the three
-// vertices, which passes the small folds of a lattice surface.
-Sheets::OnFacet Sheets::walk(std::int32_t facet, const Vec3& p) const {
+// Downhill over edge neighbours; where these are no better and the way is not `is_short`, over all
+// facets around the three vertices, which passes the small folds of a lattice surface.
+Sheets::OnFacet Sheets::walk(std::int32_t facet, const Vec3& p, bool is_short) const {
   OnFacet best = nearest_in(facet, p);
   for (;;) {
     OnFacet next = best;
@@ -220,7 +223,7 @@ Sheets::OnFacet Sheets::walk(std::int32_t facet, const Vec3& p) const {
       const OnFacet candidate = nearest_in(g, p);
       if (candidate.squared_distance < next.squared_distance) next = candidate;
     }
-    if (next.facet == best.facet)
+    if (next.facet == best.facet && !is_short)
       for (const auto v : domain_.dense.facets[best.facet])
         for (auto s = stars_.first[v]; s < stars_.first[v + 1]; ++s) {
           const auto g = stars_.facet[s];
@@ -279,7 +282,7 @@ SurfacePoint Sheets::settle(const OnFacet& start) const {
   result.position = start.point;
   Vec3 projected = start.point;
   if (project(patch, projected)) {
-    const OnFacet carrier = patch.wall != 0 ? start : walk(start.facet, projected);
+    const OnFacet carrier = patch.wall != 0 ? start : walk(start.facet, projected, true);
     if (carrier.squared_distance <= kMaxProjectionVox * kMaxProjectionVox * voxel_mm_ * voxel_mm_) {
       at = carrier;
       result.position = projected;
@@ -295,7 +298,7 @@ SurfacePoint Sheets::settle(const OnFacet& start) const {
 }
 
 SurfacePoint Sheets::move(std::int32_t facet, const Vec3& p) const {
-  return settle(walk(facet, p));
+  return settle(walk(facet, p, false));
 }
 
 SurfacePoint Sheets::place(std::int32_t facet, const Vec3& weights) const {

@@ -13,8 +13,8 @@ namespace cvmesh {
 struct Sheet {
   std::int32_t patch = -1;
   bool is_closed = true;             ///< no curve bounds it
+  bool has_handles = false;          ///< neither a sphere nor a disc
   std::vector<std::int32_t> facets;  ///< of the dense mesh, ascending
-  std::vector<std::int32_t> inner_vertices;  ///< dense vertices of dimension 2, ascending
   std::size_t vertex_count = 0;
   double lattice_count = 0;          ///< (2 / sqrt 3) * integral of dA / h^2
   double field_count = 0;            ///< the same before h was lowered at short loops
@@ -82,7 +82,7 @@ class Sheets {
   void lower_h();
   [[nodiscard]] double count_at_h(const Sheet& sheet) const;
   [[nodiscard]] OnFacet nearest_in(std::int32_t facet, const Vec3& p) const;
-  [[nodiscard]] OnFacet walk(std::int32_t facet, const Vec3& p) const;
+  [[nodiscard]] OnFacet walk(std::int32_t facet, const Vec3& p, bool is_short) const;
   [[nodiscard]] bool project(const PatchKey& patch, Vec3& p) const;
   [[nodiscard]] SurfacePoint settle(const OnFacet& start) const;
   void describe_at(const OnFacet& at, SurfacePoint& point) const;

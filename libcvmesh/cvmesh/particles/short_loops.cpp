@@ -21,6 +21,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kStepsPerLoop = 3.8;
 constexpr double kRootSpacing = 1.0;   // over h
 constexpr int kTightenRounds = 3;
+constexpr int kRounds = 5;
 constexpr std::size_t kRootsPerTask = 256;
 
 struct Edge {
@@ -227,12 +228,14 @@ class LocalPaths {
   std::vector<std::int32_t> parent_, reached_;  // parent_: edge towards the root
 };
 
-std::vector<std::int32_t> spread_roots(const SheetGraph& graph, const std::vector<double>& h) {
+std::vector<std::int32_t> spread_roots(const SheetGraph& graph,
+                                       const std::vector<bool>& is_open,
+                                       const std::vector<double>& h) {
   std::vector<bool> is_covered(graph.vertices.size(), false);
   std::vector<std::int32_t> roots;
   LocalPaths paths(graph);
   for (std::size_t v = 0; v < graph.vertices.size(); ++v) {
-    if (is_covered[v]) continue;
+    if (is_covered[v] || !is_open[v]) continue;
     roots.push_back(static_cast<std::int32_t>(v));
     for (const auto w : paths.grow(roots.back(), kRootSpacing * h[v])) is_covered[w] = true;
   }
@@ -276,6 +279,33 @@ void limit_growth(const SheetGraph& graph, double delta, std::vector<double>& h)
   }
 }
 
+// One round of roots among the open vertices.
+bool lower_along_loops(const SheetGraph& graph,
+                       const std::vector<bool>& is_open,
+                       const std::vector<double>& h,
+                       std::vector<double>& lowered) {
+  const auto roots = spread_roots(graph, is_open, h);
+  std::vector<Loop> loops(roots.size());
+  const std::size_t tasks = (roots.size() + kRootsPerTask - 1) / kRootsPerTask;
+  parallel_for_each_index(
+      0, tasks,
+      [&](std::size_t t) {
+        LocalPaths paths(graph);
+        const std::size_t end = std::min(roots.size(), (t + 1) * kRootsPerTask);
+        for (std::size_t r = t * kRootsPerTask; r < end; ++r)
+          loops[r] = find_short_loop(paths, roots[r], h);
+      },
+      1);
+  bool is_changed = false;
+  for (const Loop& loop : loops)
+    for (const auto v : loop.vertices)
+      if (loop.length < kStepsPerLoop * lowered[v]) {
+        lowered[v] = loop.length / kStepsPerLoop;
+        is_changed = true;
+      }
+  return is_changed;
+}
+
 }  // namespace
 
 bool lower_h_at_short_loops(const InterfaceMesh& dense,
@@ -286,31 +316,22 @@ bool lower_h_at_short_loops(const InterfaceMesh& dense,
   if (!graph.find_cocycle()) return false;
   std::vector<double> h;
   for (const auto v : graph.vertices) h.push_back(h_mm[v]);
-  const auto roots = spread_roots(graph, h);
-  std::vector<Loop> loops(roots.size());
-  const std::size_t tasks = (roots.size() + kRootsPerTask - 1) / kRootsPerTask;
-  parallel_for_each_index(
-      0, tasks,
-      [&](std::size_t t) {
-        LocalPaths paths(graph);
-        for (std::size_t r = t * kRootsPerTask; r < std::min(roots.size(), (t + 1) * kRootsPerTask);
-             ++r)
-          loops[r] = find_short_loop(paths, roots[r], h);
-      },
-      1);
+  // Loops lie as far apart as their roots: between them h is still too large, but less so. Each
+  // round looks closer where the last one found something.
+  std::vector<bool> is_open(h.size(), true);
   bool is_changed = false;
-  std::vector<double> lowered = h;
-  for (const Loop& loop : loops)
-    for (const auto v : loop.vertices)
-      if (loop.length < kStepsPerLoop * lowered[v]) {
-        lowered[v] = loop.length / kStepsPerLoop;
-        is_changed = true;
-      }
-  if (!is_changed) return false;
-  limit_growth(graph, delta, lowered);
-  for (std::size_t v = 0; v < lowered.size(); ++v)
-    h_mm[graph.vertices[v]] = std::min(h_mm[graph.vertices[v]], lowered[v]);
-  return true;
+  for (int round = 0; round < kRounds; ++round) {
+    std::vector<double> lowered = h;
+    if (!lower_along_loops(graph, is_open, h, lowered)) break;
+    limit_growth(graph, delta, lowered);
+    for (std::size_t v = 0; v < h.size(); ++v) is_open[v] = lowered[v] < h[v];
+    h = std::move(lowered);
+    is_changed = true;
+  }
+  if (is_changed)
+    for (std::size_t v = 0; v < h.size(); ++v)
+      h_mm[graph.vertices[v]] = std::min(h_mm[graph.vertices[v]], h[v]);
+  return is_changed;
 }
 
 }  // namespace cvmesh

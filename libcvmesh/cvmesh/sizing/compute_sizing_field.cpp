@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/sizing/compute_sizing_field.h"
 
+#include "cvmesh/core/error.h"
+#include "cvmesh/core/parallel.h"
+#include "cvmesh/sizing/limit_gradation.h"
+
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -9,10 +13,6 @@
 #include <string>
 #include <utility>
 #include <vector>
-
-#include "cvmesh/core/error.h"
-#include "cvmesh/core/parallel.h"
-#include "cvmesh/sizing/limit_gradation.h"
 
 namespace cvmesh {
 namespace {
@@ -64,17 +64,18 @@ std::vector<Bounds> bounds_of_materials(const InterfaceMesh& dense, const Sizing
           ErrorCode::BadParameter, kStage,
           "min_feature_vox (" + number(options.min_feature_vox) + ") must be greater than 0");
   MaterialId last = 0;
-  for (const auto& patch : dense.patch_of) last = std::max(last, patch.sides.inside);
-  const Bounds common = checked({options.epsilon, options.min_edge_mm.value_or(0),
-                                 options.max_edge_mm.value_or(kInfinity)},
-                                "");
+  for (const auto& patch : dense.patch_of)
+    last = std::max(last, patch.sides.inside);
+  const Bounds common = checked(
+      {options.epsilon, options.min_edge_mm.value_or(0), options.max_edge_mm.value_or(kInfinity)},
+      "");
   std::vector<Bounds> bounds(std::size_t{last} + 1, common);
   bounds[kExterior] = {kInfinity, kInfinity, kInfinity};
   for (const auto& [m, own] : options.per_material) {
-    const Bounds b = checked(
-        {own.epsilon.value_or(common.epsilon), own.min_edge_mm.value_or(common.min_edge_mm),
-         own.max_edge_mm.value_or(common.max_edge_mm)},
-        "material " + std::to_string(m) + ": ");
+    const Bounds b =
+        checked({own.epsilon.value_or(common.epsilon), own.min_edge_mm.value_or(common.min_edge_mm),
+                 own.max_edge_mm.value_or(common.max_edge_mm)},
+                "material " + std::to_string(m) + ": ");
     if (m < bounds.size()) bounds[m] = b;
   }
   return bounds;
@@ -109,7 +110,8 @@ class DisjointSets {
   }
 
   std::int32_t find(std::int32_t x) {
-    while (parent_[x] != x) x = parent_[x] = parent_[parent_[x]];
+    while (parent_[x] != x)
+      x = parent_[x] = parent_[parent_[x]];
     return x;
   }
 
@@ -179,7 +181,8 @@ void cap_on_closed_curves(const InterfaceMesh& dense,
     for (std::size_t n = 0; n < curve.vertices.size(); ++n)
       length += distance(dense.points[curve.vertices[n]],
                          dense.points[curve.vertices[(n + 1) % curve.vertices.size()]]);
-    for (const auto v : curve.vertices) h[v] = std::min(h[v], length / kMinCurveVertices);
+    for (const auto v : curve.vertices)
+      h[v] = std::min(h[v], length / kMinCurveVertices);
   }
 }
 
@@ -210,8 +213,10 @@ double expected_vertices(const InterfaceMesh& dense,
     on_curves += curve.is_closed ? count : std::max(count - 1, 0.0);
   }
   double total = on_curves;
-  for (const auto d : strata.dimension) total += d == 0 ? 1 : 0;
-  for (const double n : inside) total += std::max(n, 0.0);
+  for (const auto d : strata.dimension)
+    total += d == 0 ? 1 : 0;
+  for (const double n : inside)
+    total += std::max(n, 0.0);
   return total;
 }
 
@@ -247,16 +252,16 @@ SizingResult compute_sizing_field(const InterfaceMesh& dense,
   const std::vector<double> uncapped = h;
   cap_by_area(dense, stars, h);
   cap_on_closed_curves(dense, strata, h);
-  for (std::size_t v = 0; v < h.size(); ++v) result.stats.capped_vertices += h[v] < uncapped[v];
+  for (std::size_t v = 0; v < h.size(); ++v)
+    result.stats.capped_vertices += h[v] < uncapped[v];
   report_progress(context, kStage, 0.6);
 
   limit_along_edges(dense, stars, options.delta, h);
   field.volume_h_mm = extend_from_points(dense.points, h, options.delta, frame, kMaxVolumeNodes);
   report_progress(context, kStage, 0.9);
   // Walls that are close in space but far apart on the surface limit each other through the volume.
-  parallel_for_each_index(0, h.size(), [&](std::size_t v) {
-    h[v] = std::min(h[v], field.at(dense.points[v]));
-  });
+  parallel_for_each_index(0, h.size(),
+                          [&](std::size_t v) { h[v] = std::min(h[v], field.at(dense.points[v])); });
   limit_along_edges(dense, stars, options.delta, h);
   if (options.max_edge_mm)
     for (float& value : field.volume_h_mm.values)

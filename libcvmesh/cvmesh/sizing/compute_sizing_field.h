@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <cstddef>
-#include <map>
-#include <optional>
-#include <vector>
-
 #include "cvmesh/core/context.h"
 #include "cvmesh/core/label.h"
 #include "cvmesh/medial/medial_axis.h"
 #include "cvmesh/mesh/interface_mesh.h"
 #include "cvmesh/sizing/sizing_field.h"
+
+#include <cstddef>
+#include <map>
+#include <optional>
+#include <vector>
 
 namespace cvmesh {
 
@@ -20,9 +20,9 @@ struct MaterialSizing {
 };
 
 struct SizingOptions {
-  double epsilon = 1.0;                        ///< edge length over local feature size
-  double delta = 0.4;                          ///< gradation: largest slope of h
-  double min_feature_vox = 0.8;                ///< floor of the local feature size
+  double epsilon = 1.0;          ///< edge length over local feature size
+  double delta = 0.4;            ///< gradation: largest slope of h
+  double min_feature_vox = 0.8;  ///< floor of the local feature size
   std::optional<double> min_edge_mm, max_edge_mm;
   std::map<MaterialId, MaterialSizing> per_material;
 };
@@ -49,7 +49,8 @@ struct SizingResult {
 /// radius of curvature and half the distance to curves and corners that are not their neighbours.
 /// Within a few voxels of a curve, a sheet's feature size is at least that of the curve and at
 /// least half the distance to the nearest curve that does not bound the sheet, whichever is
-/// smaller. Where no medial point limits it, it is the diagonal of the dense surface's box.
+/// smaller. Along the edges of the dense surface the slope is at most 1. Where no medial point
+/// limits it, it is the diagonal of the dense surface's box.
 /// @param voxel_mm  smallest spacing of the working grid
 /// @note  O(vertices log(medial points)); parallel
 std::vector<double> local_feature_size(const InterfaceMesh& dense,

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/sizing/limit_gradation.h"
 
+#include "cvmesh/core/parallel.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 #include <queue>
 #include <utility>
-
-#include "cvmesh/core/parallel.h"
 
 namespace cvmesh {
 namespace {
@@ -24,7 +24,8 @@ GridFrame coarsened(const GridFrame& frame, std::size_t max_nodes) {
   for (int factor = 2; result.size() > max_nodes; ++factor) {
     result = frame;
     result.spacing_mm *= factor;
-    for (auto& row : result.index_to_world.rows) row *= factor;
+    for (auto& row : result.index_to_world.rows)
+      row *= factor;
     // The last node lies at or beyond the last of `frame`.
     for (int axis = 0; axis < 3; ++axis)
       result.dims[axis] = (frame.dims[axis] - 1 + factor - 1) / factor + 1;
@@ -113,9 +114,9 @@ class Sweeper {
           first, std::size_t(last) + 1,
           [&](std::size_t n) {
             const int nk = static_cast<int>(n), nj = wave - nk;
-            const float change = sweep_row(direction[0] > 0,
-                                           direction[1] > 0 ? nj : dims_[1] - 1 - nj,
-                                           direction[2] > 0 ? nk : dims_[2] - 1 - nk);
+            const float change =
+                sweep_row(direction[0] > 0, direction[1] > 0 ? nj : dims_[1] - 1 - nj,
+                          direction[2] > 0 ? nk : dims_[2] - 1 - nk);
             row_change_[n] = std::max(row_change_[n], change);
           },
           kRowsPerTask);
@@ -200,7 +201,8 @@ void limit_along_edges(const InterfaceMesh& mesh,
         }
       }
   };
-  for (std::size_t v = 0; v < values.size(); ++v) lower_neighbours(static_cast<std::int32_t>(v));
+  for (std::size_t v = 0; v < values.size(); ++v)
+    lower_neighbours(static_cast<std::int32_t>(v));
   while (!queue.empty()) {
     const auto [value, v] = queue.top();
     queue.pop();

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <vector>
-
 #include "cvmesh/grid/grid.h"
 #include "cvmesh/mesh/interface_mesh.h"
+
+#include <vector>
 
 namespace cvmesh {
 

@@ -1,4 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/box3.h"
+#include "cvmesh/core/parallel.h"
+#include "cvmesh/medial/point_tree.h"
+#include "cvmesh/sizing/compute_sizing_field.h"
+#include "cvmesh/sizing/limit_gradation.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -6,11 +12,6 @@
 #include <numeric>
 #include <utility>
 #include <vector>
-
-#include "cvmesh/core/box3.h"
-#include "cvmesh/core/parallel.h"
-#include "cvmesh/medial/point_tree.h"
-#include "cvmesh/sizing/compute_sizing_field.h"
 
 namespace cvmesh {
 namespace {
@@ -20,8 +21,9 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // Half windows, in voxels, over which a curve's radius of curvature is measured. The bow of a
 // window is measured to within the curve's own noise, which is taken off.
-constexpr std::array<double, 4> kCurvatureWindowsVox{3, 6, 12, 24};
-constexpr double kCurveNoiseVox = 0.3;
+constexpr std::array<double, 4> kCurvatureWindowsVox{4, 8, 16, 32};
+constexpr double kCurveNoiseVox = 0.5;
+constexpr double kCurveSmoothingVox = 1.5;
 
 // Points of one curve, or of two curves that share a corner, count as separate features when the
 // way along the curves is this much longer than the straight one: a hairpin, or curves that leave
@@ -97,7 +99,8 @@ std::vector<double> distance_to_axis(const InterfaceMesh& dense,
                                      const MedialAxis& medial_axis,
                                      double voxel_mm) {
   MaterialId last = 0;
-  for (const auto m : materials.material) last = std::max(last, m);
+  for (const auto m : materials.material)
+    last = std::max(last, m);
   const auto axes = axis_of_materials(medial_axis, std::size_t{last} + 1);
   std::vector<double> result(dense.points.size(), kInfinity);
   parallel_for_each_index(0, result.size(), [&](std::size_t v) {
@@ -141,8 +144,7 @@ class CurveSizes {
     for (std::size_t c = 0; c < strata_.curves.size(); ++c)
       begin[c + 1] = begin[c] + strata_.curves[c].vertices.size();
     parallel_for_each_index(
-        0, strata_.curves.size(),
-        [&](std::size_t c) { limit_by_curvature(c, begin[c], size); }, 1);
+        0, strata_.curves.size(), [&](std::size_t c) { limit_by_curvature(c, begin[c], size); }, 1);
     parallel_for_each_index(
         0, points_.size(),
         [&](std::size_t n) { size[n] = std::min(size[n], 0.5 * distance_to_others(n, size[n])); },
@@ -174,18 +176,18 @@ class CurveSizes {
     return to > from ? a + std::clamp((s - from) / (to - from), 0.0, 1.0) * (b - a) : a;
   }
 
-  // The mean of the curve around s, over a voxel to both sides: the extracted curve zigzags between
-  // the tets of the lattice.
+  // The mean of the curve around s: the extracted curve zigzags between the tets of the lattice.
   [[nodiscard]] Vec3 smooth_point_at(std::size_t curve, std::size_t begin, double s) const {
+    constexpr int kSamples = 3;  // on each side
     Vec3 sum;
-    for (const double t : {-1.0, -0.5, 0.0, 0.5, 1.0})
-      sum += point_at(curve, begin, s + t * voxel_);
-    return sum / 5;
+    for (int n = -kSamples; n <= kSamples; ++n)
+      sum += point_at(curve, begin, s + n * kCurveSmoothingVox * voxel_ / kSamples);
+    return sum / (2 * kSamples + 1);
   }
 
   void limit_by_curvature(std::size_t curve, std::size_t begin, std::vector<double>& size) const {
     const std::size_t n = strata_.curves[curve].vertices.size();
-    const double length = length_[curve];
+    const double length = length_[curve], smoothing = kCurveSmoothingVox * voxel_;
     const bool is_closed = strata_.curves[curve].is_closed;
     for (std::size_t v = 0; v < n; ++v) {
       const double s = points_[begin + v].arc;
@@ -194,12 +196,13 @@ class CurveSizes {
         const double w = window * voxel_;
         // Open curves need the window and its smoothing inside; a closed one is at least three
         // windows around.
-        if (is_closed ? 3 * w > length : s < w + voxel_ || s + w + voxel_ > length) break;
+        if (is_closed ? 3 * w > length : s < w + smoothing || s + w + smoothing > length) break;
         const Vec3 a = smooth_point_at(curve, begin, s - w);
         const Vec3 b = smooth_point_at(curve, begin, s + w);
         const double half = 0.5 * distance(a, b);
         const double bow = distance(middle, 0.5 * (a + b)) - kCurveNoiseVox * voxel_;
-        if (bow > 0) size[begin + v] = std::min(size[begin + v], (half * half + bow * bow) / (2 * bow));
+        if (bow > 0)
+          size[begin + v] = std::min(size[begin + v], (half * half + bow * bow) / (2 * bow));
       }
       if (is_closed) size[begin + v] = std::min(size[begin + v], length / (2 * M_PI));
     }
@@ -291,8 +294,8 @@ void apply_curve_sizes(const InterfaceMesh& dense,
         if (stars.first[v] == stars.first[v + 1]) return;
         const Vec3& p = dense.points[v];
         const std::int32_t patch = strata.patch_of[stars.facet[stars.first[v]]];
-        const auto own = curves.tree().nearest_if(
-            p, kNearCurveVox * voxel_mm, [&](std::int32_t n) { return bounds(n, patch); });
+        const auto own = curves.tree().nearest_if(p, kNearCurveVox * voxel_mm,
+                                                  [&](std::int32_t n) { return bounds(n, patch); });
         if (own.index < 0) return;
         const double of_curve = on_curve[points[own.index].vertex];
         if (lfs[v] >= of_curve) return;
@@ -311,14 +314,19 @@ std::vector<double> local_feature_size(const InterfaceMesh& dense,
                                        double voxel_mm,
                                        const StageContext& context) {
   Box3 box;
-  for (const auto& p : dense.points) box.add(p);
+  for (const auto& p : dense.points)
+    box.add(p);
   const double bound = box.diagonal();
   const VertexStars stars = find_vertex_stars(dense);
   std::vector<double> lfs =
       distance_to_axis(dense, materials_at_vertices(dense, stars), medial_axis, voxel_mm);
   report_progress(context, kStage, 0.3);
-  for (double& d : lfs) d = std::min(d, bound);
+  for (double& d : lfs)
+    d = std::min(d, bound);
   apply_curve_sizes(dense, strata, stars, voxel_mm, bound, lfs);
+  // A feature size has slope 1 at most; on curves, where it has an origin of its own, that is not
+  // yet so.
+  limit_along_edges(dense, stars, 1, lfs);
   report_progress(context, kStage, 0.5);
   return lfs;
 }

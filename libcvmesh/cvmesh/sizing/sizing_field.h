@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <vector>
-
 #include "cvmesh/grid/grid.h"
+
+#include <vector>
 
 namespace cvmesh {
 
@@ -13,10 +13,10 @@ namespace cvmesh {
 /// the grid up to its discretisation: between the nodes of one edge, h differs by delta times the
 /// spacing at most.
 struct SizingField {
-  std::vector<double> lfs_mm;        ///< local feature size at each dense vertex
-  std::vector<double> h_mm;          ///< target edge length at each dense vertex
-  Grid<float> volume_h_mm;           ///< the same, extended into the volume (maybe a coarser frame)
-  double delta = 0.4;                ///< gradation: the Lipschitz bound of h
+  std::vector<double> lfs_mm;  ///< local feature size at each dense vertex
+  std::vector<double> h_mm;    ///< target edge length at each dense vertex
+  Grid<float> volume_h_mm;     ///< the same, extended into the volume (maybe a coarser frame)
+  double delta = 0.4;          ///< gradation: the Lipschitz bound of h
 
   /// Trilinear h at a point (grid mm), clamped to the grid.
   [[nodiscard]] double at(const Vec3& p) const;

@@ -25,6 +25,8 @@ constexpr double kDegree = std::numbers::pi / 180;
 /// A change must raise the worst sine by this much: rounding cannot make two states pass into each
 /// other for ever, and no time goes into gains that nobody sees.
 constexpr double kLeastGain = 1e-3;
+/// A new vertex costs tets, so it has to be worth more than a flip.
+constexpr double kLeastInsertionGain = 0.05;
 /// Below this sine the sign of a volume is not certain in double precision.
 constexpr double kLeastQuality = 1e-9;
 constexpr int kMaxRingBound = 12;
@@ -65,7 +67,7 @@ struct Ring {
 
 /// Replacement of some tets by others that fill the same space.
 struct Change {
-  enum class Kind { None, EdgeRemoval, FaceFlip } kind = Kind::None;
+  enum class Kind { None, EdgeRemoval, FaceFlip, Insertion } kind = Kind::None;
   double worst = -1;
   std::vector<std::int32_t> removed;
   std::vector<Tet> added;
@@ -74,11 +76,12 @@ struct Change {
 /// The mesh with its neighbours, open to local changes.
 class Improver {
  public:
-  Improver(TetMesh& mesh, const ImproveTetsOptions& options)
+  Improver(TetMesh& mesh, const ImproveTetsOptions& options, const StageContext& context)
       : mesh_(mesh),
-        options_(options),
+        context_(context),
         flip_below_(std::sin(options.flip_below_deg * kDegree)),
         smooth_below_(std::sin(options.smooth_below_deg * kDegree)),
+        insert_below_(std::sin(options.insert_below_deg * kDegree)),
         max_ring_(static_cast<std::size_t>(std::clamp(options.max_ring, 3, kMaxRingBound))) {
     connect();
     quality_.resize(mesh_.tets.size());
@@ -93,8 +96,10 @@ class Improver {
   /// One round of moves over the vertices, by index.
   std::size_t smooth() {
     std::size_t moves = 0;
-    for (std::size_t v = mesh_.surface.points.size(); v < mesh_.points.size(); ++v)
+    for (std::size_t v = mesh_.surface.points.size(); v < mesh_.points.size(); ++v) {
+      leave_if_cancelled(v);
       moves += move_vertex(static_cast<std::int32_t>(v)) ? 1 : 0;
+    }
     return moves;
   }
 
@@ -104,7 +109,9 @@ class Improver {
     for (std::size_t t = 0; t < mesh_.tets.size(); ++t)
       if (quality_[t] < flip_below_) poor.emplace_back(quality_[t], static_cast<std::int32_t>(t));
     std::sort(poor.begin(), poor.end());
+    std::size_t step = 0;
     for (const auto& [quality_then, t] : poor) {
+      leave_if_cancelled(step++);
       if (quality_[at(t)] != quality_then || is_removed(t)) continue;
       const Tet& tet = mesh_.tets[at(t)];
       if (std::none_of(tet.begin(), tet.end(),
@@ -118,7 +125,23 @@ class Improver {
     }
   }
 
-  /// Closes the gaps that removed tets left. Nothing may be changed afterwards.
+  /// One round of new vertices in tets that neither flips nor moves could help, worst first.
+  std::size_t insert(std::size_t most) {
+    std::vector<std::pair<double, std::int32_t>> poor;
+    for (std::size_t t = 0; t < mesh_.tets.size(); ++t)
+      if (quality_[t] < insert_below_) poor.emplace_back(quality_[t], static_cast<std::int32_t>(t));
+    std::sort(poor.begin(), poor.end());
+    std::size_t inserted = 0, step = 0;
+    for (const auto& [quality_then, t] : poor) {
+      leave_if_cancelled(step++);
+      if (inserted == most) break;
+      if (quality_[at(t)] != quality_then || is_removed(t)) continue;
+      inserted += insert_into(t) ? 1 : 0;
+    }
+    return inserted;
+  }
+
+  /// Closes the gaps that removed tets and vertices left. Nothing may be changed afterwards.
   void compact() {
     std::size_t kept = 0;
     for (std::size_t t = 0; t < mesh_.tets.size(); ++t) {
@@ -128,9 +151,34 @@ class Improver {
     }
     mesh_.tets.resize(kept);
     mesh_.material_of.resize(kept);
+    compact_points();
   }
 
  private:
+  void leave_if_cancelled(std::size_t step) const {
+    constexpr std::size_t kSteps = 1024;  // some ten milliseconds
+    if (step % kSteps == 0 && context_.cancel != nullptr)
+      require(!context_.cancel->load(std::memory_order_relaxed), ErrorCode::Limit, kStage,
+              "cancelled");
+  }
+
+  void compact_points() {
+    std::vector<std::int32_t> new_index(mesh_.points.size(), kNone);
+    for (const Tet& tet : mesh_.tets)
+      for (const std::int32_t v : tet)
+        new_index[at(v)] = 0;
+    std::size_t kept = 0;
+    for (std::size_t v = 0; v < mesh_.points.size(); ++v) {
+      if (v >= mesh_.surface.points.size() && new_index[v] == kNone) continue;
+      new_index[v] = static_cast<std::int32_t>(kept);
+      mesh_.points[kept++] = mesh_.points[v];
+    }
+    mesh_.points.resize(kept);
+    for (Tet& tet : mesh_.tets)
+      for (std::int32_t& v : tet)
+        v = new_index[at(v)];
+  }
+
   [[nodiscard]] bool is_removed(std::int32_t t) const { return mesh_.tets[at(t)][0] == kNone; }
 
   [[nodiscard]] const Vec3& point(std::int32_t v) const { return mesh_.points[at(v)]; }
@@ -374,6 +422,171 @@ class Improver {
     return best;
   }
 
+  /// Tets whose space a new vertex p takes over: connected, seen from p through every face of
+  /// their boundary, and no facet between them.
+  struct Cavity {
+    struct Wall {
+      Face face;  ///< seen from inside, so that (face, p) is positive
+      std::int32_t tet;
+      std::size_t k;
+      double quality;
+    };
+
+    std::vector<std::int32_t> tets;
+    std::vector<Wall> walls;
+    double old_worst = std::numeric_limits<double>::infinity();
+  };
+
+  [[nodiscard]] double wall_quality(const Face& face, const Vec3& p) const {
+    return min_dihedral_sine(point(face[0]), point(face[1]), point(face[2]), p);
+  }
+
+  void add_to(Cavity& cavity, std::int32_t t, const Vec3& p) const {
+    cavity.tets.push_back(t);
+    cavity.old_worst = std::min(cavity.old_worst, quality_[at(t)]);
+    std::erase_if(cavity.walls, [&](const auto& w) { return neighbour_[at(w.tet)][w.k] == t; });
+    for (std::size_t k = 0; k < 4; ++k) {
+      const std::int32_t n = neighbour_[at(t)][k];
+      if (n != kNone && std::find(cavity.tets.begin(), cavity.tets.end(), n) != cavity.tets.end())
+        continue;
+      const Tet& tet = mesh_.tets[at(t)];
+      const Face face{tet[kFaces[k][0]], tet[kFaces[k][2]], tet[kFaces[k][1]]};
+      cavity.walls.push_back({face, t, k, wall_quality(face, p)});
+    }
+  }
+
+  static const Cavity::Wall& worst_wall(const Cavity& cavity) {
+    return *std::min_element(cavity.walls.begin(), cavity.walls.end(),
+                             [](const auto& v, const auto& w) { return v.quality < w.quality; });
+  }
+
+  /// Grows a cavity from t through its worst wall for as long as that can be opened, and keeps the
+  /// best state on the way [Klingner 2008].
+  [[nodiscard]] Cavity dig(std::int32_t t, const Vec3& p) const {
+    constexpr std::size_t kMaxCavity = 40;
+    Cavity cavity, best;
+    double best_worst = -1;
+    for (std::int32_t next = t; next != kNone && cavity.tets.size() < kMaxCavity;) {
+      add_to(cavity, next, p);
+      const auto& wall = worst_wall(cavity);
+      if (wall.quality > best_worst) {
+        best_worst = wall.quality;
+        best = cavity;
+      }
+      next = neighbour_[at(wall.tet)][wall.k];
+    }
+    return best;
+  }
+
+  /// Every edge of the boundary in two walls: a ball as seen from p, with nothing pinched.
+  static bool is_simple(const Cavity& cavity) {
+    std::vector<std::pair<std::int32_t, std::int32_t>> edges;
+    for (const auto& wall : cavity.walls)
+      for (std::size_t k = 0; k < 3; ++k)
+        edges.emplace_back(std::minmax(wall.face[k], wall.face[(k + 1) % 3]));
+    std::sort(edges.begin(), edges.end());
+    for (std::size_t i = 0; i < edges.size(); i += 2)
+      if (i + 1 >= edges.size() || edges[i] != edges[i + 1] ||
+          (i + 2 < edges.size() && edges[i] == edges[i + 2]))
+        return false;
+    return true;
+  }
+
+  /// Moves p to where the worst wall of the cavity is best; returns that quality.
+  double settle(const Cavity& cavity, Vec3& p) const {
+    const auto worst_for = [&](const Vec3& q, double floor) {
+      double worst = std::numeric_limits<double>::infinity();
+      for (const auto& wall : cavity.walls) {
+        worst = std::min(worst, wall_quality(wall.face, q));
+        if (worst <= floor) break;
+      }
+      return worst;
+    };
+    double edge = 0;
+    Vec3 middle;
+    for (const auto& wall : cavity.walls)
+      for (const std::int32_t v : wall.face) {
+        edge += distance(point(v), p) / (3 * static_cast<double>(cavity.walls.size()));
+        middle += point(v) / (3 * static_cast<double>(cavity.walls.size()));
+      }
+    double worst = worst_for(p, -1);
+    const auto attempt = [&](const Vec3& q) {
+      const double quality = worst_for(q, worst);
+      if (quality <= worst) return;
+      worst = quality;
+      p = q;
+    };
+    attempt(middle);
+    constexpr int kSteps = 6;
+    double step = 0.25 * edge;
+    for (int i = 0; i < kSteps; ++i, step *= 0.6) {
+      const Vec3 from = p;
+      for (int axis = 0; axis < 3; ++axis)
+        for (const double sign : {1.0, -1.0}) {
+          Vec3 q = from;
+          q[axis] += sign * step;
+          attempt(q);
+        }
+    }
+    return worst;
+  }
+
+  /// Where a new vertex may help t: its centroid, the middle of the tets around it, and off its
+  /// facets, into the interior.
+  [[nodiscard]] std::array<Vec3, 3> places_for(std::int32_t t) const {
+    const Tet& tet = mesh_.tets[at(t)];
+    Vec3 centroid, around, away;
+    double count = 0, size = 0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      centroid += point(tet[k]) / 4;
+      size += distance(point(tet[k]), point(tet[(k + 1) % 4])) / 4;
+      const std::int32_t n = neighbour_[at(t)][k];
+      if (n == kNone) {
+        away -= normalized(area_vector2(point(tet[kFaces[k][0]]), point(tet[kFaces[k][1]]),
+                                        point(tet[kFaces[k][2]])));
+        continue;
+      }
+      for (const std::int32_t v : mesh_.tets[at(n)])
+        around += point(v);
+      count += 4;
+    }
+    if (count > 0) around *= 1 / count;
+    return {centroid, around, centroid + 0.6 * size * normalized(away)};
+  }
+
+  /// Puts a vertex where it raises the worst quality of the tets that it replaces the most.
+  bool insert_into(std::int32_t t) {
+    Cavity best;
+    Vec3 place;
+    double best_worst = kLeastQuality;
+    for (Vec3 p : places_for(t)) {
+      Cavity cavity = dig(t, p);
+      if (cavity.walls.empty()) continue;
+      settle(cavity, p);
+      cavity = dig(t, p);
+      if (cavity.walls.empty() || !is_simple(cavity)) continue;
+      const double worst = settle(cavity, p);
+      if (worst <= best_worst || worst <= cavity.old_worst + kLeastInsertionGain) continue;
+      best_worst = worst;
+      best = std::move(cavity);
+      place = p;
+    }
+    if (best.tets.empty()) return false;
+    const std::int32_t v = static_cast<std::int32_t>(mesh_.points.size());
+    mesh_.points.push_back(place);
+    tet_of_.push_back(kNone);
+    touched_.push_back(clock_);
+    tried_vertex_.push_back(0);
+    Change change{Change::Kind::Insertion, best_worst, std::move(best.tets), {}};
+    for (const auto& wall : best.walls)
+      change.added.push_back({wall.face[0], wall.face[1], wall.face[2], v});
+    for (const std::int32_t old : change.removed)
+      for (const std::int32_t u : mesh_.tets[at(old)])
+        tet_of_[at(u)] = kNone;
+    apply(change);
+    return true;
+  }
+
   void apply(const Change& change) {
     struct Open {
       Face face;
@@ -445,8 +658,8 @@ class Improver {
   }
 
   TetMesh& mesh_;
-  const ImproveTetsOptions options_;
-  const double flip_below_, smooth_below_;
+  const StageContext& context_;
+  const double flip_below_, smooth_below_, insert_below_;
   const std::size_t max_ring_;
   std::vector<std::array<std::int32_t, 4>> neighbour_;
   std::vector<double> quality_;
@@ -533,19 +746,21 @@ ImproveTetsStats improve_tets(TetMesh& mesh,
     std::sort(facet.begin(), facet.end());
   std::sort(facets.begin(), facets.end());
   const Angles before = measure(mesh, facets);
-  Improver improver(mesh, options);
+  const auto most_insertions = static_cast<std::size_t>(options.max_insertions_per_vertex *
+                                                        static_cast<double>(mesh.points.size()));
+  Improver improver(mesh, options, context);
   while (stats.passes < options.passes) {
-    require(context.cancel == nullptr || !context.cancel->load(std::memory_order_relaxed),
-            ErrorCode::Limit, kStage, "cancelled");
     ++stats.passes;
     const std::size_t flips_then = stats.edge_removals + stats.face_flips;
     improver.flip(stats);
     const std::size_t moves = improver.smooth();
     stats.moves += moves;
+    const std::size_t inserted = improver.insert(most_insertions - stats.insertions);
+    stats.insertions += inserted;
     const std::size_t flips = stats.edge_removals + stats.face_flips - flips_then;
-    context.log->debug("{}: improvement pass {}: {} flips, {} moves", kStage, stats.passes, flips,
-                       moves);
-    if ((flips + moves) * kQuietPass < mesh.tets.size()) break;
+    context.log->debug("{}: improvement pass {}: {} flips, {} moves, {} insertions", kStage,
+                       stats.passes, flips, moves, inserted);
+    if ((flips + moves + inserted) * kQuietPass < mesh.tets.size()) break;
   }
   improver.compact();
   const Angles after = measure(mesh, facets);

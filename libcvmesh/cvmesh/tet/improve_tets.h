@@ -18,15 +18,17 @@ namespace cvmesh {
 /// quality of the mesh never falls. Points and facets of `surface` never change, so a tet between
 /// two facets that meet at a small angle keeps that angle.
 struct ImproveTetsOptions {
-  int passes = 5;                ///< upper bound; stops earlier once a pass changes little
-  double flip_below_deg = 40;    ///< only tets with an angle below this (or above 180 - it)
-  double smooth_below_deg = 45;  ///< only vertices with such a tet
-  int max_ring = 8;              ///< most tets around an edge that is removed
+  int passes = 8;                        ///< upper bound; stops earlier once a pass changes little
+  double flip_below_deg = 40;            ///< only tets with an angle below this (or above 180 - it)
+  double smooth_below_deg = 45;          ///< only vertices with such a tet
+  double insert_below_deg = 20;          ///< a new vertex only for such a tet; 0: none
+  double max_insertions_per_vertex = 1;  ///< bound on new vertices, over those of the mesh
+  int max_ring = 8;                      ///< most tets around an edge that is removed
 };
 
 struct ImproveTetsStats {
   int passes = 0;
-  std::size_t moves = 0, edge_removals = 0, face_flips = 0;
+  std::size_t moves = 0, edge_removals = 0, face_flips = 0, insertions = 0;
   double min_dihedral_before_deg = 0, min_dihedral_after_deg = 0;
   double max_dihedral_before_deg = 0, max_dihedral_after_deg = 0;
   std::size_t below_10_deg_before = 0, below_10_deg_after = 0;  ///< tets by smallest dihedral angle

@@ -8,8 +8,8 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <chrono>
 #include <csignal>
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <dlfcn.h>
@@ -20,7 +20,6 @@
 #include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
-#include <thread>
 #include <unistd.h>
 #include <utility>
 #include <vector>
@@ -134,11 +133,12 @@ class Helper {
         &attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
     std::string name = path;
     char* arguments[] = {name.data(), nullptr};
-    errno = posix_spawn(&pid_, path.c_str(), &actions, &attributes, arguments, environ);
+    const int failure = posix_spawn(&pid_, path.c_str(), &actions, &attributes, arguments, environ);
     posix_spawn_file_actions_destroy(&actions);
     posix_spawnattr_destroy(&attributes);
-    if (errno != 0) pid_ = -1;
-    require_call(errno == 0, path.c_str());
+    if (failure != 0) pid_ = -1;
+    errno = failure;
+    require_call(failure == 0, path.c_str());
 
     request = std::move(to_near);
     reply = std::move(from_near);
@@ -274,7 +274,7 @@ std::string format_number(double value) {
 }
 
 std::string memory_advice(const TetgenLimits& limits) {
-  return limits.memory_mb > 0 ? "raise tet.memory_limit_mb (" + format_number(limits.memory_mb) +
+  return limits.memory_mb > 0 ? "raise tetgen_memory_limit_mb (" + format_number(limits.memory_mb) +
                                     ") or make the mesh coarser (larger epsilon)"
                               : "make the mesh coarser (larger epsilon) or use a machine with more "
                                 "memory";
@@ -423,8 +423,8 @@ TetgenRun run_tetgen(const Request& request,
   if (!talk.printed.empty()) context.log->debug("{}: TetGen says: {}", kStage, talk.printed);
   if (talk.timed_out) {
     run.outcome = TetgenOutcome::TimedOut;
-    run.description = "TetGen was stopped at the time limit; raise tet.time_limit_s (" +
-                      format_number(limits.time_s) + ") or relax tet.min_dihedral_deg";
+    run.description = "TetGen was stopped at the time limit; raise tetgen_time_limit_s (" +
+                      format_number(limits.time_s) + ") or relax tet_min_dihedral_deg";
   } else if (!unpack(std::move(talk.reply), run.reply)) {
     run.reply = {};
     describe_end(run, helper.status, talk, limits);

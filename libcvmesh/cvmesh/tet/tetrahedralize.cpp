@@ -36,17 +36,17 @@ std::string format_number(double value) {
 
 void check_options(const TetrahedralizeOptions& options) {
   require(options.radius_edge_ratio >= 1.0, ErrorCode::BadParameter, kStage,
-          "radius_edge_ratio (" + format_number(options.radius_edge_ratio) +
+          "tet_radius_edge_ratio (" + format_number(options.radius_edge_ratio) +
               ") is below 1; TetGen does not end there, use 1.2 or more");
-  require(options.min_dihedral_deg >= 0 && options.min_dihedral_deg <= 25, ErrorCode::BadParameter,
+  require(options.min_dihedral_deg >= 0 && options.min_dihedral_deg <= 30, ErrorCode::BadParameter,
           kStage,
-          "min_dihedral_deg (" + format_number(options.min_dihedral_deg) +
-              ") is not within 0 to 25; use 10");
+          "tet_min_dihedral_deg (" + format_number(options.min_dihedral_deg) +
+              ") is not within 0 to 30; use 10");
   require(options.interior_growth >= 0, ErrorCode::BadParameter, kStage,
           "interior_growth (" + format_number(options.interior_growth) +
               ") is negative; use 1, or 0 for no bound");
   require(options.improvement_passes >= 0, ErrorCode::BadParameter, kStage,
-          "improvement_passes (" + std::to_string(options.improvement_passes) +
+          "tet_improvement_passes (" + std::to_string(options.improvement_passes) +
               ") is negative; use 0 to turn the improvement off");
 }
 
@@ -457,7 +457,7 @@ TetMesh fill(const InterfaceMesh& surface,
       if (stats.steiner_points >= static_cast<std::size_t>(cap))
         context.log->warn(
             "{}: TetGen reached its bound of {} added points, so part of the interior is coarser "
-            "than asked for; raise interior_growth or radius_edge_ratio",
+            "than asked for; raise interior_growth or tet_radius_edge_ratio",
             kStage, cap);
       return mesh;
     }

@@ -1,0 +1,276 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/error.h"
+#include "cvmesh/interfaces/extract_interfaces.h"
+#include "cvmesh/medial/extract_medial_axis.h"
+#include "cvmesh/sizing/compute_sizing_field.h"
+#include "cvmesh/sizing/limit_gradation.h"
+
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+
+#include "support/analytic_level_sets.h"
+#include "support/catch.h"
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace cvmesh {
+namespace {
+
+using test_support::analytic_level_sets;
+using test_support::middle_of;
+using test_support::plain_frame;
+
+SizingOptions with(double epsilon, double delta = 0.4) {
+  SizingOptions options;
+  options.epsilon = epsilon;
+  options.delta = delta;
+  return options;
+}
+
+struct Surface {
+  GridFrame frame;
+  InterfaceMesh dense;
+  Strata strata;
+  std::vector<double> lfs;
+
+  explicit Surface(const LevelSets& level_sets) : frame(level_sets.frame()) {
+    const auto context = silent_context();
+    dense = extract_interfaces(level_sets, context);
+    strata = find_strata(dense);
+    const auto axis = extract_medial_axis(level_sets, dense, strata, {}, context);
+    lfs = local_feature_size(dense, strata, axis.medial_axis, frame.voxel_mm(), context);
+  }
+
+  [[nodiscard]] SizingResult size(const SizingOptions& options) const {
+    return compute_sizing_field(dense, strata, lfs, frame, options, silent_context());
+  }
+};
+
+Surface ball(double radius) {
+  const int n = static_cast<int>(2 * radius) + 8;
+  const auto frame = plain_frame({n, n, n});
+  const Vec3 centre = middle_of(frame) + Vec3{0.13, 0.27, 0.41};
+  return Surface(
+      analytic_level_sets(frame, [&](const Vec3& p) { return radius - distance(p, centre); }));
+}
+
+// A ball on a thin stalk: sizes from one voxel to ten, in two materials that meet.
+Surface lollipop() {
+  const auto frame = plain_frame({40, 40, 60});
+  const Vec3 centre{19.6, 19.3, 17.8};
+  return Surface(analytic_level_sets(frame, 3, [&](MaterialId m, const Vec3& p) {
+    const Vec3 d = p - centre;
+    const double head = 12 - norm(d);
+    const double stalk = std::min(2 - std::hypot(d.x, d.y), std::min(d.z, 36 - d.z));
+    return m == 1 ? head : m == 2 ? std::min(stalk, -head) : -std::max(head, stalk);
+  }));
+}
+
+double steepest_edge(const Surface& surface, const std::vector<double>& h) {
+  double steepest = 0;
+  for (const auto& facet : surface.dense.facets)
+    for (int c = 0; c < 3; ++c) {
+      const auto a = facet[c], b = facet[(c + 1) % 3];
+      steepest = std::max(steepest, std::abs(h[a] - h[b]) /
+                                        distance(surface.dense.points[a], surface.dense.points[b]));
+    }
+  return steepest;
+}
+
+TEST_CASE("compute_sizing_field: vertex count on a sphere is 14.5 over epsilon squared",
+          "[sizing][unit]") {
+  const Surface surface = ball(40);
+  for (const double epsilon : {0.25, 0.5}) {
+    const double theory = 2 / std::sqrt(3.0) * 4 * M_PI / (epsilon * epsilon);
+    CHECK(surface.size(with(epsilon)).stats.expected_vertices == Approx(theory).epsilon(0.05));
+  }
+}
+
+TEST_CASE("compute_sizing_field: a closed boundary has room for twelve vertices at any epsilon",
+          "[sizing][unit]") {
+  const Surface surface = ball(10);
+  SizingOptions options = with(5);
+  options.min_edge_mm = 30;
+  const auto result = surface.size(options);
+  CHECK(result.stats.expected_vertices == Approx(12).epsilon(0.01));
+  CHECK(result.stats.capped_vertices == surface.dense.points.size());
+}
+
+TEST_CASE("compute_sizing_field: h follows epsilon where the feature size is uniform",
+          "[sizing][unit]") {
+  const Surface surface = ball(12);
+  const auto half = surface.size(with(0.25)).sizing_field.h_mm;
+  const auto full = surface.size(with(0.5)).sizing_field.h_mm;
+  for (std::size_t v = 0; v < half.size(); ++v)
+    CHECK(full[v] / half[v] == Approx(2).epsilon(0.1));
+}
+
+TEST_CASE("compute_sizing_field: h is Lipschitz on the dense surface and on the grid",
+          "[sizing][property]") {
+  const Surface surface = lollipop();
+  for (const double epsilon : {0.5, 3.0})
+    for (const double delta : {0.1, 0.4}) {
+      const auto field = surface.size(with(epsilon, delta)).sizing_field;
+      CHECK(steepest_edge(surface, field.h_mm) <= delta * (1 + 1e-9));
+      const auto& grid = field.volume_h_mm;
+      double steepest = 0;
+      for (int k = 0; k + 1 < grid.frame.dims[2]; ++k)
+        for (int j = 0; j + 1 < grid.frame.dims[1]; ++j)
+          for (int i = 0; i + 1 < grid.frame.dims[0]; ++i)
+            for (const float next : {grid(i + 1, j, k), grid(i, j + 1, k), grid(i, j, k + 1)})
+              steepest = std::max(steepest, std::abs(double{grid(i, j, k)} - next));
+      CHECK(steepest <= delta * 1.001);
+    }
+}
+
+TEST_CASE("compute_sizing_field: h never exceeds what the closed form allows",
+          "[sizing][property]") {
+  const Surface surface = lollipop();
+  const double epsilon = 2, delta = 0.4, floor = 0.8;
+  const auto field = surface.size(with(epsilon, delta)).sizing_field;
+  for (std::size_t v = 0; v < surface.lfs.size(); v += 37)
+    for (std::size_t w = 0; w < surface.lfs.size(); w += 41) {
+      const double bound = epsilon * std::max(surface.lfs[w], floor) +
+                           delta * distance(surface.dense.points[v], surface.dense.points[w]);
+      // First-order upwind distances are too long by up to a spacing or two.
+      REQUIRE(field.h_mm[v] <= bound + delta * 2);
+    }
+}
+
+TEST_CASE("compute_sizing_field: the volume agrees with the surface and grows inwards",
+          "[sizing][unit]") {
+  const Surface surface = ball(12);
+  const auto field = surface.size(with(0.25)).sizing_field;
+  for (std::size_t v = 0; v < field.h_mm.size(); ++v)
+    CHECK(std::abs(field.at(surface.dense.points[v]) - field.h_mm[v]) < 0.4);
+  const Vec3 centre = middle_of(surface.frame) + Vec3{0.13, 0.27, 0.41};
+  // At the centre, 12 mm from everything, h0 + delta R; the grid rounds the peak off by a voxel or
+  // two.
+  const double peak = 0.25 * 12 + 0.4 * 12;
+  CHECK(field.at(centre) < 1.05 * peak);
+  CHECK(field.at(centre) > peak - 2 * 0.4);
+}
+
+TEST_CASE("compute_sizing_field: materials keep their own sizes", "[sizing][unit]") {
+  const Surface surface = lollipop();
+  SizingOptions options = with(1);
+  options.per_material[2].max_edge_mm = 1.0;
+  const auto h = surface.size(options).sizing_field.h_mm;
+  for (std::size_t f = 0; f < surface.dense.facets.size(); ++f) {
+    const Sides& sides = surface.dense.patch_of[f].sides;
+    if (sides.inside == 2 || sides.outside == 2)
+      for (const auto v : surface.dense.facets[f])
+        CHECK(h[v] <= 1.0);
+  }
+  CHECK(*std::max_element(h.begin(), h.end()) > 5);
+
+  // A coarser epsilon for a material works where it meets the exterior, which has none of its own.
+  const auto fine = surface.size(with(0.3)).sizing_field.h_mm;
+  SizingOptions mixed = with(0.3);
+  mixed.per_material[1].epsilon = 0.6;
+  const auto coarse = surface.size(mixed).sizing_field.h_mm;
+  CHECK(*std::max_element(coarse.begin(), coarse.end()) >
+        1.8 * *std::max_element(fine.begin(), fine.end()));
+}
+
+TEST_CASE("compute_sizing_field: refuses values out of range and says what to do",
+          "[sizing][unit]") {
+  const Surface surface = ball(5);
+  const auto message = [&](const SizingOptions& options) -> std::string {
+    try {
+      static_cast<void>(surface.size(options));
+    } catch (const Error& error) {
+      CHECK(error.code() == ErrorCode::BadParameter);
+      return error.what();
+    }
+    return "";
+  };
+  CHECK(message(with(-1)).find("epsilon (-1)") != std::string::npos);
+  CHECK(message(with(std::nan(""))) != "");
+  CHECK(message(with(1, -0.1)).find("delta (-0.1)") != std::string::npos);
+  SizingOptions crossed;
+  crossed.min_edge_mm = 2.5;
+  crossed.max_edge_mm = 2;
+  CHECK(message(crossed).find("min_edge_mm (2.5) exceeds max_edge_mm (2)") != std::string::npos);
+  SizingOptions material;
+  material.per_material[1].epsilon = 0.0;
+  CHECK(message(material).find("material 1: epsilon (0)") != std::string::npos);
+}
+
+TEST_CASE("compute_sizing_field: same values at 1, 2 and 8 threads", "[sizing][determinism]") {
+  const auto run = [&](int threads) {
+    tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    tbb::task_arena arena(threads);
+    return arena.execute([&] { return lollipop().size(with(2)); });
+  };
+  const auto one = run(1);
+  for (const int threads : {2, 8}) {
+    const auto other = run(threads);
+    CHECK(other.sizing_field.lfs_mm == one.sizing_field.lfs_mm);
+    CHECK(other.sizing_field.h_mm == one.sizing_field.h_mm);
+    CHECK(other.sizing_field.volume_h_mm.values == one.sizing_field.volume_h_mm.values);
+    CHECK(other.stats.expected_vertices == one.stats.expected_vertices);
+  }
+}
+
+TEST_CASE("extend_from_points: distance to a point, on coarsened and anisotropic grids",
+          "[sizing][unit]") {
+  for (const Vec3& spacing : {Vec3{1, 1, 1}, Vec3{0.5, 0.4, 0.8}, Vec3{1, 1, 5}}) {
+    const auto frame = plain_frame({40, 50, 30}, spacing);
+    const Vec3 source = frame.index_to_mm({13, 20, 11});
+    for (const std::size_t max_nodes : {std::size_t{100000}, std::size_t{10000}}) {
+      const auto u = extend_from_points({source}, {3.0}, 0.5, frame, max_nodes);
+      REQUIRE(u.frame.size() <= max_nodes);
+      const Vec3 last = u.frame.index_to_mm(
+          {double(u.frame.dims[0] - 1), double(u.frame.dims[1] - 1), double(u.frame.dims[2] - 1)});
+      const Vec3 wanted = frame.index_to_mm({39, 49, 29});
+      for (int axis = 0; axis < 3; ++axis)
+        CHECK(last[axis] >= wanted[axis] - 1e-9);
+      const double widest =
+          std::max(u.frame.spacing_mm.x, std::max(u.frame.spacing_mm.y, u.frame.spacing_mm.z));
+      for (int k = 0; k < u.frame.dims[2]; ++k)
+        for (int j = 0; j < u.frame.dims[1]; ++j)
+          for (int i = 0; i < u.frame.dims[0]; ++i) {
+            const double truth =
+                3 + 0.5 * distance(u.frame.index_to_mm({double(i), double(j), double(k)}), source);
+            REQUIRE(u(i, j, k) > truth - 1e-3);
+            REQUIRE(u(i, j, k) < truth + 0.5 * 2 * widest);
+          }
+    }
+  }
+}
+
+TEST_CASE("limit_along_edges: a path falls off with slope delta from its lowest vertex",
+          "[sizing][unit]") {
+  // A strip of triangles along x.
+  InterfaceMesh mesh;
+  for (int n = 0; n < 20; ++n)
+    mesh.points.push_back({0.5 * n, double(n % 2), 0});
+  for (int n = 0; n + 2 < 20; ++n) {
+    mesh.facets.push_back({n, n + 1, n + 2});
+    mesh.patch_of.push_back({{1, 0}, 0});
+  }
+  std::vector<double> values(20, 100);
+  values[0] = 1;
+  limit_along_edges(mesh, find_vertex_stars(mesh), 0.25, values);
+  // Even vertices lie one apart on a straight edge path.
+  for (int n = 0; n < 20; n += 2)
+    CHECK(values[n] == Approx(1 + 0.25 * 0.5 * n));
+}
+
+TEST_CASE("SizingField: trilinear inside, clamped outside", "[sizing][unit]") {
+  SizingField field;
+  field.volume_h_mm = Grid<float>(plain_frame({3, 4, 5}, {2, 1, 1}));
+  for (int k = 0; k < 5; ++k)
+    for (int j = 0; j < 4; ++j)
+      for (int i = 0; i < 3; ++i)
+        field.volume_h_mm(i, j, k) = static_cast<float>(1 + 2 * i + 10 * j + 100 * k);
+  CHECK(field.at({2, 1, 1}) == Approx(1 + 2 + 10 + 100));
+  CHECK(field.at({1, 0.5, 2.25}) == Approx(1 + 1 + 5 + 225));
+  CHECK(field.at({-9, -9, -9}) == Approx(1));
+  CHECK(field.at({99, 99, 99}) == Approx(1 + 4 + 30 + 400));
+}
+
+}  // namespace
+}  // namespace cvmesh
