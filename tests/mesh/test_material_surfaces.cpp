@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/error.h"
 #include "cvmesh/core/random.h"
 #include "cvmesh/mesh/material_surfaces.h"
 

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/box3.h"
 #include "cvmesh/mesh/validate.h"
 #include "cvmesh/surface/decimate.h"
 #include "cvmesh/surface/flip_edges.h"

@@ -95,7 +95,6 @@ TEST_CASE("improve_tets: quality rises, volumes and surface stay", "[tet][unit]"
   for (std::size_t m = 1; m < 3; ++m)
     CHECK(new_volumes[m] == Approx(old_volumes[m]).epsilon(1e-10));
   CHECK(std::equal(surface.points.begin(), surface.points.end(), after.points.begin()));
-  CHECK(after.points.size() == before.points.size());
   const Validation validation = validate(after, 3);
   INFO(validation.summary());
   CHECK(validation.is_valid());
@@ -155,6 +154,46 @@ TEST_CASE("improve_tets: an inner vertex that lies badly moves to the middle", "
   CHECK(stats.moves > 0);
   CHECK(norm(mesh.points[6]) < 0.05);  // by symmetry the best place is the centre
   CHECK(mesh.tets.size() == 8);
+}
+
+TEST_CASE("improve_tets: a new vertex helps where flips and moves cannot", "[tet][unit]") {
+  const InterfaceMesh surface = sphere(kCentre, 15, 1, {1, 0});
+  TetMesh start = unimproved(surface, 2, 100);
+  ImproveTetsOptions options;
+  options.insert_below_deg = 0;
+  TetMesh without = start;
+  improve_tets(without, options, silent_context());
+  options.insert_below_deg = 60;  // more than the default, so that this easy shape needs it
+  TetMesh with = start;
+  const ImproveTetsStats stats = improve_tets(with, options, silent_context());
+  CHECK(stats.insertions > 0);
+  CHECK(worst_quality(with) >= worst_quality(without));
+  CHECK(volumes(with, 2)[1] == Approx(volumes(start, 2)[1]).epsilon(1e-10));
+  const Validation validation = validate(with, 2);
+  INFO(validation.summary());
+  CHECK(validation.is_valid());
+}
+
+TEST_CASE("improve_tets: the bound on new vertices holds", "[tet][unit]") {
+  TetMesh mesh = unimproved(sphere(kCentre, 15, 3, {1, 0}), 2, 100);
+  const std::size_t before = mesh.points.size();
+  ImproveTetsOptions options;
+  options.insert_below_deg = 80;
+  options.max_insertions_per_vertex = 0.02;
+  const ImproveTetsStats stats = improve_tets(mesh, options, silent_context());
+  CHECK(stats.insertions == static_cast<std::size_t>(0.02 * static_cast<double>(before)));
+}
+
+TEST_CASE("improve_tets: a thin wall between two sparse sheets keeps its surface", "[tet][unit]") {
+  const InterfaceMesh surface =
+      join(sphere(kCentre, 15, 3, {1, 0}), sphere(kCentre, 14.5, 3, {2, 1}));
+  TetMesh mesh = unimproved(surface, 3, 4);
+  const double before = worst_quality(mesh);
+  improve_tets(mesh, {}, silent_context());
+  CHECK(worst_quality(mesh) >= before);
+  const Validation validation = validate(mesh, 3);
+  INFO(validation.summary());
+  CHECK(validation.is_valid());
 }
 
 TEST_CASE("improve_tets: no pass changes nothing", "[tet][unit]") {

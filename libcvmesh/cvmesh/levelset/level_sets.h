@@ -14,7 +14,7 @@ namespace cvmesh {
 
 /// One material's level set in a narrow band, in blocks of 8^3 nodes.
 ///
-/// Values are positive inside, negative outside, clamped to [-1, 1]; 1 is about one and a half
+/// Values are positive inside, negative outside, clamped to [-1, 1]; 1 is two and a half
 /// voxels from the zero set. Nodes whose block is not stored are +1 or -1 by their label.
 struct SparseLevelSet {
   static constexpr int kBlock = 8;

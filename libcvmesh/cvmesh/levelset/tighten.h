@@ -10,7 +10,7 @@ namespace cvmesh {
 
 struct TightenOptions {
   double r_vox = 0.8;        ///< smallest radius of curvature, voxels of the working grid; 0: off
-  int smoothing_sweeps = 100;///< upper bound of the constrained biharmonic sweeps
+  int smoothing_sweeps = 60;  ///< upper bound of the constrained biharmonic sweeps
   double margin = 0.05;      ///< least magnitude at a node, with the sign of its label
   int max_iterations = 200;  ///< upper bound of the guarded flow (r of a voxel and more)
 };

@@ -106,7 +106,7 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .min = 0,
        .max = 10000},
       {.key = "smoothing_margin",
-       .unit = "level-set value",
+       .unit = "voxels",
        .doc = "Least magnitude of a level set at a voxel centre: keeps every voxel on its side.",
        .field = CVMESH_FIELD(tighten.margin),
        .min = 0.001,

@@ -116,6 +116,7 @@ void to_json(Json& json, const ImproveTetsStats& stats) {
           {"moves", stats.moves},
           {"edge_removals", stats.edge_removals},
           {"face_flips", stats.face_flips},
+          {"insertions", stats.insertions},
           {"min_dihedral_before_deg", stats.min_dihedral_before_deg},
           {"min_dihedral_after_deg", stats.min_dihedral_after_deg},
           {"max_dihedral_before_deg", stats.max_dihedral_before_deg},

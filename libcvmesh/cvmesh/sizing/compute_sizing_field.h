@@ -66,7 +66,7 @@ std::vector<double> local_feature_size(const InterfaceMesh& dense,
 /// `per_material` names it. Two caps keep closed parts meshable at any epsilon, min_edge_mm or not:
 /// a closed boundary of area A has h <= sqrt(A / (12 sqrt(3) / 2)), room for 12 vertices, and a
 /// closed curve has room for 4. The frame of `volume_h_mm` is `frame`, coarsened by a whole number
-/// until it has at most 20 million nodes.
+/// until it has at most 8 million nodes.
 /// @throws Error BadParameter for epsilon, delta or bounds out of range
 SizingResult compute_sizing_field(const InterfaceMesh& dense,
                                   const Strata& strata,

@@ -11,12 +11,14 @@ namespace cvmesh {
 /// Hill-climbing improvement of the interior of a tetrahedral mesh, the surface frozen
 /// [Freitag 1997, Klingner 2008].
 ///
-/// The quality of a tet is the smallest sine of its six dihedral angles. Each pass moves interior
-/// vertices to where the worst tet around them is best, removes interior edges by the best
-/// retriangulation of their ring (the 3-2 and 4-4 flips and their general form) and flips faces
-/// 2-3. A change is made only if the worst quality of the tets it touches rises, so the worst
-/// quality of the mesh never falls. Points and facets of `surface` never change, so a tet between
-/// two facets that meet at a small angle keeps that angle.
+/// The quality of a tet is the smallest sine of its six dihedral angles. Each pass removes interior
+/// edges by the best retriangulation of their ring (the 3-2 and 4-4 flips and their general form),
+/// flips faces 2-3, moves interior vertices to where the worst tet around them is best, and puts a
+/// new vertex where tets stay poor: between the walls of a sparse surface TetGen adds none. A
+/// change is made only if the worst quality of the tets it touches rises, so the worst quality of
+/// the mesh never falls. Points and facets of `surface` never change, so a tet between two facets
+/// that meet at a small angle keeps that angle. Interior vertices may go, and indices above those
+/// of the surface may change.
 struct ImproveTetsOptions {
   int passes = 8;                        ///< upper bound; stops earlier once a pass changes little
   double flip_below_deg = 40;            ///< only tets with an angle below this (or above 180 - it)

@@ -285,6 +285,7 @@ class Result {
     repair.passes = 3;
     repair.flip_below_deg = 1;
     repair.smooth_below_deg = 1;
+    repair.insert_below_deg = 1;
     improve_tets(mesh, repair, context);
     const auto flat = std::find_if(mesh.tets.begin(), mesh.tets.end(), is_flat);
     if (flat == mesh.tets.end()) return {};
@@ -490,6 +491,7 @@ TetrahedralizeResult tetrahedralize(const InterfaceMesh& surface,
     ImproveTetsOptions improvement;
     improvement.passes = options.improvement_passes;
     result.stats.improvement = improve_tets(result.tets, improvement, context);
+    result.stats.steiner_points = result.tets.points.size() - surface.points.size();
   }
   report_progress(context, kStage, 1);
   return result;
