@@ -15,7 +15,8 @@ Box3 random_box(const CounterRandom& random, std::uint64_t id) {
   // sizes over a factor of a thousand
   const double size = 0.05 * std::pow(1000, random.uniform(id, 3));
   Box3 box;
-  for (int k = 0; k < 3; ++k) box.lo[k] = 100 * random.uniform(id, k);
+  for (int k = 0; k < 3; ++k)
+    box.lo[k] = 100 * random.uniform(id, k);
   box.hi = box.lo + size * Vec3{1, random.uniform(id, 4), 0.3};
   return box;
 }
@@ -53,16 +54,16 @@ TEST_CASE("FacetIndex: finds exactly the boxes that overlap while boxes come and
 TEST_CASE("facets_intersect: shared vertices and edges are no intersection, everything else is",
           "[mesh][unit]") {
   //         0         1          2          3           4            5              6
-  std::vector<Vec3> p{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}, {0.2, 0.2, -1}, {0.2, 0.2, 1},
+  std::vector<Vec3> p{{0, 0, 0},     {1, 0, 0}, {0, 1, 0}, {1, 1, 0}, {0.2, 0.2, -1}, {0.2, 0.2, 1},
                       {0.3, 0.1, 1}, {2, 2, 0}, {3, 2, 0}, {2, 3, 0}, {0.1, 0.1, 0}};
-  CHECK_FALSE(facets_intersect(p, {0, 1, 2}, {1, 3, 2}));   // neighbours in a plane
-  CHECK(facets_intersect(p, {0, 1, 2}, {0, 1, 3}));         // folded onto each other
-  CHECK(facets_intersect(p, {0, 1, 2}, {4, 5, 6}));         // pierced
-  CHECK_FALSE(facets_intersect(p, {0, 1, 2}, {7, 8, 9}));   // apart in one plane
-  CHECK_FALSE(facets_intersect(p, {0, 1, 2}, {0, 5, 6}));   // touch in a vertex
-  CHECK(facets_intersect(p, {0, 1, 2}, {2, 4, 5}));         // one vertex shared, and pierced
-  CHECK(facets_intersect(p, {0, 1, 2}, {7, 8, 10}));        // a corner inside the other's plane
-  CHECK(facets_intersect(p, {0, 1, 2}, {2, 1, 0}));         // the same facet
+  CHECK_FALSE(facets_intersect(p, {0, 1, 2}, {1, 3, 2}));  // neighbours in a plane
+  CHECK(facets_intersect(p, {0, 1, 2}, {0, 1, 3}));        // folded onto each other
+  CHECK(facets_intersect(p, {0, 1, 2}, {4, 5, 6}));        // pierced
+  CHECK_FALSE(facets_intersect(p, {0, 1, 2}, {7, 8, 9}));  // apart in one plane
+  CHECK_FALSE(facets_intersect(p, {0, 1, 2}, {0, 5, 6}));  // touch in a vertex
+  CHECK(facets_intersect(p, {0, 1, 2}, {2, 4, 5}));        // one vertex shared, and pierced
+  CHECK(facets_intersect(p, {0, 1, 2}, {7, 8, 10}));       // a corner inside the other's plane
+  CHECK(facets_intersect(p, {0, 1, 2}, {2, 1, 0}));        // the same facet
 }
 
 TEST_CASE("is_in_tet: inside, on the boundary, outside; never in a flat tet", "[mesh][unit]") {

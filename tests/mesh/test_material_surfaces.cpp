@@ -70,8 +70,12 @@ TEST_CASE("MaterialSurfaces: splits and flips keep every invariant, edit by edit
       const int c = static_cast<int>(random.bits(edit, 1) % 3);
       const std::int32_t a = v[c], b = v[(c + 1) % 3];
       switch (random.bits(edit, 2) % 3) {
-        case 0: surfaces.split_facet(f, (p[v[0]] + p[v[1]] + p[v[2]]) / 3); break;
-        case 1: surfaces.split_edge(a, b, 0.5 * (p[a] + p[b])); break;
+        case 0:
+          surfaces.split_facet(f, (p[v[0]] + p[v[1]] + p[v[2]]) / 3);
+          break;
+        case 1:
+          surfaces.split_edge(a, b, 0.5 * (p[a] + p[b]));
+          break;
         default: {
           std::int32_t first = -1, second = -1;
           if (!surfaces.facets_of_edge(a, b, first, second)) continue;

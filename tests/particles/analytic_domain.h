@@ -38,7 +38,8 @@ inline LevelSets make_level_sets(const GridFrame& frame,
       field.blocks[axis] = (frame.dims[axis] + SparseLevelSet::kBlock - 1) / SparseLevelSet::kBlock;
       count *= field.blocks[axis];
     }
-    for (int b = 0; b < count; ++b) field.block_at.push_back(b);
+    for (int b = 0; b < count; ++b)
+      field.block_at.push_back(b);
     field.values.assign(static_cast<std::size_t>(count) * SparseLevelSet::kBlockNodes, -1);
   }
   for (int k = 0; k < frame.dims[2]; ++k)
@@ -80,7 +81,8 @@ inline UnitSphere octasphere(int n) {
     if (is_new) {
       // Equal steps of angle, not of the octahedron: facets of nearly equal size.
       Vec3 p;
-      for (int a = 0; a < 3; ++a) p[a] = std::sin(std::numbers::pi / 2 * at[a] / n);
+      for (int a = 0; a < 3; ++a)
+        p[a] = std::sin(std::numbers::pi / 2 * at[a] / n);
       sphere.points.push_back(normalized(p));
     }
     return it->second;
@@ -90,9 +92,7 @@ inline UnitSphere octasphere(int n) {
       for (const int sz : {-1, 1})
         for (int i = 0; i < n; ++i)
           for (int j = 0; j + i < n; ++j) {
-            const auto at = [&](int a, int b) {
-              return point({sx * a, sy * b, sz * (n - a - b)});
-            };
+            const auto at = [&](int a, int b) { return point({sx * a, sy * b, sz * (n - a - b)}); };
             const auto add = [&](std::int32_t a, std::int32_t b, std::int32_t c) {
               if (sx * sy * sz < 0) std::swap(b, c);
               sphere.facets.push_back({a, b, c});
@@ -106,7 +106,8 @@ inline UnitSphere octasphere(int n) {
 inline void finish(AnalyticDomain& domain, const std::function<double(const Vec3&)>& h) {
   domain.strata = find_strata(domain.dense);
   domain.sizing_field.delta = 0.4;
-  for (const Vec3& p : domain.dense.points) domain.sizing_field.h_mm.push_back(h(p));
+  for (const Vec3& p : domain.dense.points)
+    domain.sizing_field.h_mm.push_back(h(p));
   domain.sizing_field.lfs_mm = domain.sizing_field.h_mm;
 }
 
@@ -140,8 +141,8 @@ inline AnalyticDomain ellipsoids(int n,
     }
     return best;
   };
-  domain.level_sets = make_level_sets(cubic_frame(n), {[inside](const Vec3& p) { return -inside(p); },
-                                                       inside});
+  domain.level_sets =
+      make_level_sets(cubic_frame(n), {[inside](const Vec3& p) { return -inside(p); }, inside});
   finish(domain, h);
   return domain;
 }
@@ -170,8 +171,8 @@ inline AnalyticDomain torus(double major,
     for (int j = 0; j < ring; ++j) {
       const double u = 2 * std::numbers::pi * i / sectors, v = 2 * std::numbers::pi * j / ring;
       const double r = major + minor * std::cos(v);
-      domain.dense.points.push_back(
-          centre + Vec3{r * std::cos(u), r * std::sin(u), minor * std::sin(v)});
+      domain.dense.points.push_back(centre +
+                                    Vec3{r * std::cos(u), r * std::sin(u), minor * std::sin(v)});
     }
   for (int i = 0; i < last; ++i)
     for (int j = 0; j < ring; ++j) {
@@ -200,7 +201,8 @@ inline AnalyticDomain halved_ball(double radius,
   const double middle = 0.5 * (n - 1);
   const Vec3 centre{middle, middle, middle};
   const UnitSphere sphere = octasphere(parts);
-  for (const Vec3& p : sphere.points) domain.dense.points.push_back(centre + radius * p);
+  for (const Vec3& p : sphere.points)
+    domain.dense.points.push_back(centre + radius * p);
   std::vector<std::int32_t> in_disc(sphere.points.size(), -1);
   for (std::size_t v = 0; v < sphere.points.size(); ++v) {
     const Vec3& p = sphere.points[v];
@@ -213,8 +215,7 @@ inline AnalyticDomain halved_ball(double radius,
     domain.dense.points.push_back(centre + Vec3{scale * p.x, scale * p.y, 0});
   }
   for (const auto& f : sphere.facets) {
-    const bool is_upper =
-        sphere.points[f[0]].z + sphere.points[f[1]].z + sphere.points[f[2]].z > 0;
+    const bool is_upper = sphere.points[f[0]].z + sphere.points[f[1]].z + sphere.points[f[2]].z > 0;
     domain.dense.facets.push_back(f);
     domain.dense.patch_of.push_back({{static_cast<MaterialId>(is_upper ? 1 : 2), 0}, 0});
     if (!is_upper) continue;
@@ -268,8 +269,8 @@ inline AnalyticDomain full_box(int n, int parts, const std::function<double(cons
         }
       }
   }
-  domain.level_sets = make_level_sets(cubic_frame(n), {[](const Vec3&) { return -9.0; },
-                                                       [](const Vec3&) { return 9.0; }});
+  domain.level_sets = make_level_sets(
+      cubic_frame(n), {[](const Vec3&) { return -9.0; }, [](const Vec3&) { return 9.0; }});
   finish(domain, h);
   return domain;
 }

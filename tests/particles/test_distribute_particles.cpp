@@ -3,12 +3,12 @@
 #include "cvmesh/particles/distribute_particles.h"
 #include "cvmesh/particles/particle_energy.h"
 #include "cvmesh/particles/short_loops.h"
-#include "particles/analytic_domain.h"
-#include "support/catch.h"
 
 #include <tbb/global_control.h>
 #include <tbb/task_arena.h>
 
+#include "particles/analytic_domain.h"
+#include "support/catch.h"
 #include <atomic>
 #include <numeric>
 #include <set>
@@ -69,8 +69,8 @@ void check_carriers(const ParticleSet& set, const AnalyticDomain& domain) {
       const auto at = std::find(chain.begin(), chain.end(), p.carrier[0]) - chain.begin();
       REQUIRE(std::size_t(at) < chain.size());
       REQUIRE(chain[(std::size_t(at) + 1) % chain.size()] == p.carrier[1]);
-      nearest = nearest_on_segment(p.position, dense.points[p.carrier[0]],
-                                   dense.points[p.carrier[1]]);
+      nearest =
+          nearest_on_segment(p.position, dense.points[p.carrier[0]], dense.points[p.carrier[1]]);
     } else {
       REQUIRE(domain.strata.patch_of[p.carrier[0]] == p.stratum);
       const auto& v = dense.facets[p.carrier[0]];
@@ -165,8 +165,8 @@ TEST_CASE("distribute_particles: spacing follows a graded h", "[particles][unit]
   CHECK(result.stats.edge_over_h_mean == Approx(1.0).margin(0.05));
   CHECK(result.stats.edge_over_h_sd < 0.14);
   // The integral of dA / h^2 over the sphere, z from 4 to 44 around 24.
-  const double integral = 2 * std::numbers::pi * 20 / 0.15 *
-                          (1 / (1 + 0.15 * 4) - 1 / (1 + 0.15 * 44));
+  const double integral =
+      2 * std::numbers::pi * 20 / 0.15 * (1 / (1 + 0.15 * 4) - 1 / (1 + 0.15 * 44));
   CHECK(double(result.particles.particles.size()) ==
         Approx(2 / std::sqrt(3.0) * integral).epsilon(0.03));
   for (const Particle& p : result.particles.particles)
@@ -215,7 +215,8 @@ TEST_CASE("distribute_particles: on the border of the image points keep to plane
   const auto on_border = [n](double x) { return x == -0.5 || x == n - 0.5; };
   for (const Particle& p : result.particles.particles) {
     int count = 0;
-    for (int axis = 0; axis < 3; ++axis) count += on_border(p.position[axis]) ? 1 : 0;
+    for (int axis = 0; axis < 3; ++axis)
+      count += on_border(p.position[axis]) ? 1 : 0;
     CHECK(count == 3 - int(p.dimension));
   }
   // Six flat squares: n^2 2 / sqrt 3 / h^2 - rim / 2 + 1 each.
@@ -271,13 +272,35 @@ TEST_CASE("distribute_particles: the walls of a thin sheet do not see each other
   const auto result = distribute(domain);
   check_carriers(result.particles, domain);
   std::size_t upper = 0;
-  for (const Particle& p : result.particles.particles) upper += p.position.z > 24;
+  for (const Particle& p : result.particles.particles)
+    upper += p.position.z > 24;
   const auto count = double(result.particles.particles.size());
   // Each wall holds what its own area does: about pi 20^2 2 / sqrt 3 / 16 = 91.
   CHECK(double(upper) == Approx(91).epsilon(0.12));
   CHECK(count - double(upper) == Approx(91).epsilon(0.12));
   CHECK(result.stats.nearest_over_h_mean > 0.85);
   CHECK(least_distance(result.particles) > 0.1);
+}
+
+TEST_CASE("distribute_particles: folds of the dense surface hold no heaps of particles",
+          "[particles][unit]") {
+  // Every other dense vertex 0.45 voxel off the zero set, h below that: facets far apart on the
+  // dense surface project onto the same places.
+  const double radius = 5, h = 0.5;
+  auto domain = ball(radius, 8, constant(h));
+  const double middle = 0.5 * (domain.level_sets.frame().dims[0] - 1);
+  const Vec3 centre{middle, middle, middle};
+  for (std::size_t v = 0; v < domain.dense.points.size(); ++v) {
+    Vec3& p = domain.dense.points[v];
+    p = centre + (radius + (v % 2 == 0 ? 0.45 : -0.45)) * normalized(p - centre);
+  }
+  const auto result = distribute(domain);
+  check_carriers(result.particles, domain);
+  CHECK(least_distance(result.particles) > 0.25 * h);
+  // Between the count of the true sphere and that of the larger, folded one.
+  const double expected = 2 / std::sqrt(3.0) * 4 * std::numbers::pi * radius * radius / (h * h);
+  CHECK(double(result.particles.particles.size()) > 0.95 * expected);
+  CHECK(double(result.particles.particles.size()) < 1.5 * expected);
 }
 
 TEST_CASE("distribute_particles: the paper's dense seeds reach the same layout",
@@ -304,7 +327,8 @@ TEST_CASE("distribute_particles: too many or too few particles are brought to th
   for (const double seed_h : {2.6, 3.5}) {
     const auto other = ball(20, 40, constant(seed_h));
     auto set = seed_particles(other.view(), {}, context).particles;
-    for (Particle& p : set.particles) p.h_mm = 3;
+    for (Particle& p : set.particles)
+      p.h_mm = 3;
     const auto result = distribute_particles(set, domain.view(), {}, context);
     CHECK(result.particles.particles.size() == expected);
     CHECK((result.stats.split > result.stats.deleted) == (seed_h > 3));
@@ -359,7 +383,8 @@ TEST_CASE("distribute_particles: a torus keeps three particles around its tube a
     const double v = std::atan2(z, std::hypot(x, y) - 14) / std::numbers::pi + 1;
     quarters[std::min(7, int(4 * u))].insert(std::min(3, int(2 * v)));
   }
-  for (const auto& q : quarters) CHECK(q.size() >= 3);
+  for (const auto& q : quarters)
+    CHECK(q.size() >= 3);
 }
 
 TEST_CASE("seed_particles, distribute_particles: another seed, another layout; same seed, same",

@@ -112,8 +112,8 @@ TEST_CASE("run_pipeline: every stage runs once, in order, and reports its progre
   for (const auto& label : json["results"]["labels"]) {
     INFO(label.dump());
     CHECK(label["tets"] > 0);
-    // About 40 vertices on the inner ball: even the regular sphere of 42 loses 13 % to its chords.
-    CHECK(std::abs(label["volume"]["relative_error"].get<double>()) < 0.2);
+    // About 36 vertices on the inner ball: even the regular sphere of 42 loses 13 % to its chords.
+    CHECK(std::abs(label["volume"]["relative_error"].get<double>()) < 0.25);
     CHECK(label["topology"]["mesh"]["components"] == 1);
   }
 }

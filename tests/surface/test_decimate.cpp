@@ -15,8 +15,10 @@ using dense_phantoms::DensePhantom;
 
 namespace {
 
-DecimateResult thin_out(const DensePhantom& dense, const std::vector<bool>& keep,
-                        const DecimateOptions& options = {}, std::uint64_t seed = 1) {
+DecimateResult thin_out(const DensePhantom& dense,
+                        const std::vector<bool>& keep,
+                        const DecimateOptions& options = {},
+                        std::uint64_t seed = 1) {
   return decimate(MaterialSurfaces(dense.mesh, dense.material_count), keep, dense.voxel_mm, options,
                   silent_context(seed));
 }
@@ -52,10 +54,11 @@ TEST_CASE("decimate: a ball keeps only its chosen vertices and stays near the de
   // Chosen at random, 5 % of about 3,000 vertices are up to 6 voxels apart; a chord of that length
   // on a radius of 10 is 0.46 voxel deep.
   Box3 box;
-  for (const Vec3& p : dense.mesh.points) box.add(p);
+  for (const Vec3& p : dense.mesh.points)
+    box.add(p);
   for (const auto& facet : sparse.facets) {
-    const Vec3 middle = (sparse.points[facet[0]] + sparse.points[facet[1]] +
-                         sparse.points[facet[2]]) / 3;
+    const Vec3 middle =
+        (sparse.points[facet[0]] + sparse.points[facet[1]] + sparse.points[facet[2]]) / 3;
     const double r = distance(middle, 0.5 * (box.lo + box.hi));
     CHECK(r > 8.2);
     CHECK(r < 10.6);
@@ -67,9 +70,9 @@ TEST_CASE("decimate: on_degenerate fail names the way out", "[surface][unit]") {
   const DensePhantom dense = dense_phantoms::make(phantoms::ball(4));
   std::vector<bool> keep(dense.mesh.points.size(), false);
   keep[0] = keep[keep.size() / 2] = true;
-  CHECK_THROWS_WITH(thin_out(dense, keep, {.on_degenerate = OnDegenerate::Fail}),
-                    Catch::Contains("degenerate vertex distribution") &&
-                        Catch::Contains("lower epsilon"));
+  CHECK_THROWS_WITH(
+      thin_out(dense, keep, {.on_degenerate = OnDegenerate::Fail}),
+      Catch::Contains("degenerate vertex distribution") && Catch::Contains("lower epsilon"));
   const DecimateResult result = thin_out(dense, keep);
   CHECK(result.surfaces.vertex_count() >= 4);
   CHECK(result.stats.kept.size() == result.surfaces.vertex_count() - 2);
@@ -79,8 +82,8 @@ TEST_CASE("decimate: on_degenerate fail names the way out", "[surface][unit]") {
 TEST_CASE("decimate: a thin curved shell sampled far too sparsely never intersects itself",
           "[surface][property]") {
   // The paper's Fig. 7.9: chords across the shell would cross its other wall.
-  const InputVolume shell = phantoms::sample(
-      phantoms::frame_around({14, 14, 14}), [](const Vec3& p) {
+  const InputVolume shell =
+      phantoms::sample(phantoms::frame_around({14, 14, 14}), [](const Vec3& p) {
         const double r = norm(p);
         return Label{r < 12 && r > 10.2 && p.z > -4 ? 1 : 0};
       });
@@ -89,7 +92,8 @@ TEST_CASE("decimate: a thin curved shell sampled far too sparsely never intersec
       thin_out(dense, dense_phantoms::random_choice(dense.strata, 0.004, 1));
   dense_phantoms::require_same_topology(result.surfaces.to_interface_mesh(), dense);
   CHECK_FALSE(result.stats.kept.empty());
-  for (const KeptVertex& kept : result.stats.kept) CHECK_FALSE(kept.reason.empty());
+  for (const KeptVertex& kept : result.stats.kept)
+    CHECK_FALSE(kept.reason.empty());
 }
 
 TEST_CASE("decimate: equal seeds give equal meshes, other seeds other meshes",
@@ -110,13 +114,13 @@ TEST_CASE("flip_edges: keeps every invariant and leaves nothing to gain", "[surf
     const DensePhantom dense = dense_phantoms::make(volume);
     auto thinned = thin_out(dense, dense_phantoms::random_choice(dense.strata, 0.06, 1));
     const FlipEdgesOptions options{.max_passes = 100};
-    auto flipped = flip_edges(std::move(thinned.surfaces), dense.voxel_mm, options,
-                              silent_context());
+    auto flipped =
+        flip_edges(std::move(thinned.surfaces), dense.voxel_mm, options, silent_context());
     CHECK(flipped.stats.passes < options.max_passes);
     REQUIRE(flipped.surfaces.validate().is_valid());
     dense_phantoms::require_same_topology(flipped.surfaces.to_interface_mesh(), dense);
-    const auto again = flip_edges(std::move(flipped.surfaces), dense.voxel_mm, options,
-                                  silent_context());
+    const auto again =
+        flip_edges(std::move(flipped.surfaces), dense.voxel_mm, options, silent_context());
     CHECK(again.stats.flips == 0);
   }
 }

@@ -21,8 +21,8 @@ ParticleSet particles_on(const DensePhantom& dense, double share) {
   const auto& points = dense.mesh.points;
   for (std::size_t v = 0; v < points.size(); ++v) {
     if (dense.strata.dimension[v] != 0) continue;
-    Particle p{.position = points[v], .h_mm = 1, .dimension = 0,
-               .stratum = static_cast<std::int32_t>(v)};
+    Particle p{
+        .position = points[v], .h_mm = 1, .dimension = 0, .stratum = static_cast<std::int32_t>(v)};
     p.carrier[0] = static_cast<std::int32_t>(v);
     set.particles.push_back(p);
   }
@@ -47,7 +47,8 @@ ParticleSet particles_on(const DensePhantom& dense, double share) {
       w = 1 - w;
     }
     Particle p{.h_mm = 1, .dimension = 2, .stratum = dense.strata.patch_of[f]};
-    p.position = points[v[0]] + u * (points[v[1]] - points[v[0]]) + w * (points[v[2]] - points[v[0]]);
+    p.position =
+        points[v[0]] + u * (points[v[1]] - points[v[0]]) + w * (points[v[2]] - points[v[0]]);
     p.carrier[0] = static_cast<std::int32_t>(f);
     set.particles.push_back(p);
   }

@@ -31,8 +31,8 @@ bool has_diagonal(const MaterialSurfaces::Triangulation& triangles, int i, int j
 
 TEST_CASE("triangulate_ring: a flat ring gets the better shaped diagonal", "[surface][unit]") {
   // a kite whose short diagonal (1, 3) makes two good triangles
-  const auto triangles = triangulate_ring(
-      flat_ring({{0, -2, 0}, {1, 0, 0}, {0, 2, 0}, {-1, 0, 0}}), {}, kObjective);
+  const auto triangles =
+      triangulate_ring(flat_ring({{0, -2, 0}, {1, 0, 0}, {0, 2, 0}, {-1, 0, 0}}), {}, kObjective);
   REQUIRE(triangles);
   CHECK(triangles->size() == 2);
   CHECK(has_diagonal(*triangles, 1, 3));
@@ -50,7 +50,8 @@ TEST_CASE("triangulate_ring: forbidden edges and triangles are not used", "[surf
 }
 
 TEST_CASE("triangulate_ring: samples far from one diagonal choose the other", "[surface][unit]") {
-  // a roof: corners 0 and 2 up, 1 and 3 down; shape prefers nothing, the sample on the ridge decides
+  // a roof: corners 0 and 2 up, 1 and 3 down; shape prefers nothing, the sample on the ridge
+  // decides
   RingProblem problem = flat_ring({{1, 0, 1}, {0, 1, 0}, {-1, 0, 1}, {0, -1, 0}});
   problem.samples = {{0, 0, 1}};
   auto triangles = triangulate_ring(problem, {0.01, -1, -1}, kObjective);

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/vec3.h"
+
 #include <algorithm>
 #include <limits>
-
-#include "cvmesh/core/vec3.h"
 
 namespace cvmesh {
 
@@ -21,15 +21,20 @@ struct Box3 {
       hi[k] = std::max(hi[k], p[k]);
     }
   }
+
   [[nodiscard]] bool is_empty() const { return lo.x > hi.x; }
+
   [[nodiscard]] bool contains(const Vec3& p) const {
     return p.x >= lo.x && p.x <= hi.x && p.y >= lo.y && p.y <= hi.y && p.z >= lo.z && p.z <= hi.z;
   }
+
   [[nodiscard]] bool overlaps(const Box3& b) const {
-    return lo.x <= b.hi.x && b.lo.x <= hi.x && lo.y <= b.hi.y && b.lo.y <= hi.y &&
-           lo.z <= b.hi.z && b.lo.z <= hi.z;
+    return lo.x <= b.hi.x && b.lo.x <= hi.x && lo.y <= b.hi.y && b.lo.y <= hi.y && lo.z <= b.hi.z &&
+           b.lo.z <= hi.z;
   }
+
   [[nodiscard]] Vec3 extent() const { return is_empty() ? Vec3{} : hi - lo; }
+
   [[nodiscard]] double diagonal() const { return norm(extent()); }
 };
 

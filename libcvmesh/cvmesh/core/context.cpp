@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/core/context.h"
 
-#include <string>
+#include "cvmesh/core/error.h"
 
 #include <spdlog/sinks/null_sink.h>
 #include <spdlog/spdlog.h>
 
-#include "cvmesh/core/error.h"
+#include <string>
 
 namespace cvmesh {
 
 StageContext silent_context(std::uint64_t seed) {
   StageContext context;
-  context.log = std::make_shared<spdlog::logger>("silent",
-                                                 std::make_shared<spdlog::sinks::null_sink_mt>());
+  context.log =
+      std::make_shared<spdlog::logger>("silent", std::make_shared<spdlog::sinks::null_sink_mt>());
   context.seed = seed;
   return context;
 }

@@ -25,9 +25,9 @@ class ProgressSink {
 
 /// What every stage gets besides its input: nothing in it may change the mesh except the seed.
 struct StageContext {
-  std::shared_ptr<spdlog::logger> log;         ///< never null
-  ProgressSink* progress = nullptr;            ///< may be null
-  const std::atomic<bool>* cancel = nullptr;   ///< may be null
+  std::shared_ptr<spdlog::logger> log;        ///< never null
+  ProgressSink* progress = nullptr;           ///< may be null
+  const std::atomic<bool>* cancel = nullptr;  ///< may be null
   std::uint64_t seed = 1;
 };
 

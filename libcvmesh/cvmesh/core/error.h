@@ -24,7 +24,9 @@ class Error : public std::runtime_error {
       : std::runtime_error(stage + ": " + message), code_(code), stage_(stage), message_(message) {}
 
   [[nodiscard]] ErrorCode code() const { return code_; }
+
   [[nodiscard]] const std::string& stage() const { return stage_; }
+
   [[nodiscard]] const std::string& message() const { return message_; }
 
  private:

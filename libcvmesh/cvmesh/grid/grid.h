@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <vector>
-
 #include "cvmesh/grid/grid_frame.h"
+
+#include <vector>
 
 namespace cvmesh {
 
@@ -14,9 +14,11 @@ struct Grid {
   std::vector<T> values;
 
   Grid() = default;
+
   explicit Grid(const GridFrame& f, T value = T{}) : frame(f), values(f.size(), value) {}
 
   T& operator()(int i, int j, int k) { return values[frame.linear(i, j, k)]; }
+
   const T& operator()(int i, int j, int k) const { return values[frame.linear(i, j, k)]; }
 };
 

@@ -9,9 +9,12 @@ namespace {
 // Signs that turn a space's axes into RAS.
 Vec3 signs_to_ras(Space space) {
   switch (space) {
-    case Space::Lps: return {-1, -1, 1};
-    case Space::Las: return {-1, 1, 1};
-    default: return {1, 1, 1};
+    case Space::Lps:
+      return {-1, -1, 1};
+    case Space::Las:
+      return {-1, 1, 1};
+    default:
+      return {1, 1, 1};
   }
 }
 
@@ -19,16 +22,22 @@ Vec3 signs_to_ras(Space space) {
 
 const char* space_name(Space space) {
   switch (space) {
-    case Space::Ras: return "RAS";
-    case Space::Lps: return "LPS";
-    case Space::Las: return "LAS";
-    case Space::Grid: return "grid";
-    case Space::Unknown: break;
+    case Space::Ras:
+      return "RAS";
+    case Space::Lps:
+      return "LPS";
+    case Space::Las:
+      return "LAS";
+    case Space::Grid:
+      return "grid";
+    case Space::Unknown:
+      break;
   }
   return "unknown";
 }
 
-GridFrame cropped(const GridFrame& frame, const std::array<int, 3>& first,
+GridFrame cropped(const GridFrame& frame,
+                  const std::array<int, 3>& first,
                   const std::array<int, 3>& dims) {
   GridFrame result = frame;
   result.dims = dims;
@@ -40,7 +49,8 @@ GridFrame cropped(const GridFrame& frame, const std::array<int, 3>& first,
 Affine mm_to_space(const GridFrame& frame, Space target) {
   if (target == Space::Grid) return {};
   Affine map = frame.index_to_world;
-  for (auto& row : map.rows) row = divided_by(row, frame.spacing_mm);
+  for (auto& row : map.rows)
+    row = divided_by(row, frame.spacing_mm);
   if (target == frame.space || target == Space::Unknown) return map;
   require(frame.space != Space::Unknown, ErrorCode::BadParameter, "output",
           std::string("the input does not say in which space its coordinates are, so they cannot "

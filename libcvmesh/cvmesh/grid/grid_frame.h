@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/vec3.h"
+
 #include <array>
 #include <cstddef>
 #include <cstdint>
-
-#include "cvmesh/core/vec3.h"
 
 namespace cvmesh {
 
@@ -24,8 +24,11 @@ struct Affine {
   [[nodiscard]] Vec3 linear(const Vec3& v) const {
     return {dot(rows[0], v), dot(rows[1], v), dot(rows[2], v)};
   }
+
   [[nodiscard]] Vec3 operator()(const Vec3& p) const { return linear(p) + offset; }
+
   [[nodiscard]] double determinant() const { return dot(cross(rows[0], rows[1]), rows[2]); }
+
   friend bool operator==(const Affine&, const Affine&) = default;
 };
 
@@ -43,23 +46,30 @@ struct GridFrame {
   [[nodiscard]] std::size_t size() const {
     return static_cast<std::size_t>(dims[0]) * dims[1] * dims[2];
   }
+
   [[nodiscard]] std::size_t linear(int i, int j, int k) const {
     return (static_cast<std::size_t>(k) * dims[1] + j) * dims[0] + i;
   }
+
   [[nodiscard]] bool contains(int i, int j, int k) const {
     return i >= 0 && j >= 0 && k >= 0 && i < dims[0] && j < dims[1] && k < dims[2];
   }
+
   /// One voxel: the smallest spacing, in mm.
   [[nodiscard]] double voxel_mm() const {
     return std::min(spacing_mm.x, std::min(spacing_mm.y, spacing_mm.z));
   }
+
   [[nodiscard]] Vec3 index_to_mm(const Vec3& index) const { return scaled_by(index, spacing_mm); }
+
   [[nodiscard]] Vec3 mm_to_index(const Vec3& mm) const { return divided_by(mm, spacing_mm); }
+
   [[nodiscard]] Vec3 mm_to_world(const Vec3& mm) const { return index_to_world(mm_to_index(mm)); }
 };
 
 /// The frame of the sub-grid of `dims` voxels whose first voxel is `first` of `frame`; same world.
-GridFrame cropped(const GridFrame& frame, const std::array<int, 3>& first,
+GridFrame cropped(const GridFrame& frame,
+                  const std::array<int, 3>& first,
                   const std::array<int, 3>& dims);
 
 /// The map grid millimetres -> `target` space. `Space::Grid` gives the identity; a target equal

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/interfaces/extract_interfaces.h"
 
+#include "cvmesh/core/assert.h"
+#include "cvmesh/core/parallel.h"
+
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <utility>
-
-#include "cvmesh/core/assert.h"
-#include "cvmesh/core/parallel.h"
 
 // The lattice. Nodes are the voxel centres plus one ghost layer on each side of the grid, half a
 // voxel out, on the faces of the box; ghosts repeat the label and values of the nearest border
@@ -61,7 +61,8 @@ class Lattice {
  public:
   explicit Lattice(const LevelSets& level_sets)
       : level_sets_(level_sets), frame_(level_sets.frame()) {
-    for (int axis = 0; axis < 3; ++axis) dims_[axis] = frame_.dims[axis] + 2;
+    for (int axis = 0; axis < 3; ++axis)
+      dims_[axis] = frame_.dims[axis] + 2;
   }
 
   [[nodiscard]] const std::array<int, 3>& dims() const { return dims_; }
@@ -112,8 +113,8 @@ class Lattice {
 
 // A simplex of the lattice while it is cut: labels at its chain nodes, and the keys of its parts.
 struct Simplex {
-  std::uint64_t base = 0;                  // lowest node of the cube
-  std::array<int, 4> mask{};               // ascending; the first may be nonzero
+  std::uint64_t base = 0;     // lowest node of the cube
+  std::array<int, 4> mask{};  // ascending; the first may be nonzero
   std::array<MaterialId, 4> label{};
   const Lattice* lattice = nullptr;
 
@@ -121,20 +122,23 @@ struct Simplex {
     const int m = mask[corner];
     return base + lattice->node(m & 1, (m >> 1) & 1, (m >> 2) & 1);
   }
+
   [[nodiscard]] Key edge(int a, int b) const {
     if (a > b) std::swap(a, b);
     return node(a) * 32 + static_cast<Key>((mask[b] ^ mask[a]) - 1);
   }
+
   [[nodiscard]] Key face(int a, int b, int c) const {
     if (a > b) std::swap(a, b);
     if (b > c) std::swap(b, c);
     if (a > b) std::swap(a, b);
-    return node(a) * 32 + kFirstFaceType +
-           kChains.face_index[mask[b] ^ mask[a]][mask[c] ^ mask[a]];
+    return node(a) * 32 + kFirstFaceType + kChains.face_index[mask[b] ^ mask[a]][mask[c] ^ mask[a]];
   }
+
   [[nodiscard]] Key center() const {
     return node(0) * 32 + kFirstTetType + kChains.tet_index[mask[1]][mask[2]];
   }
+
   [[nodiscard]] Key corner(int a) const { return node(a) * 32 + kNodeType; }
 };
 
@@ -162,16 +166,20 @@ class FacetSink {
 
   // A facet between the labels at corners `a` and `b` of the simplex, oriented from the larger
   // material id (inside) to the smaller.
-  void add_interface(const Simplex& s, int a, int b, const Point& p, const Point& q,
-                     const Point& r) {
+  void add_interface(
+      const Simplex& s, int a, int b, const Point& p, const Point& q, const Point& r) {
     if (s.label[a] < s.label[b]) std::swap(a, b);
     const Vec3 outward = middle(s, {b}) - middle(s, {a});
     add(p, q, r, outward, {{s.label[a], s.label[b]}, 0});
   }
 
   // A facet of box face `wall` that closes a material.
-  void add_wall(MaterialId material, std::uint8_t wall, const Vec3& outward, const Point& p,
-                const Point& q, const Point& r) {
+  void add_wall(MaterialId material,
+                std::uint8_t wall,
+                const Vec3& outward,
+                const Point& p,
+                const Point& q,
+                const Point& r) {
     if (material != kExterior) add(p, q, r, outward, {{material, kExterior}, wall});
   }
 
@@ -184,7 +192,10 @@ class FacetSink {
   }
 };
 
-Point edge_point(const Simplex& s, int a, int b) { return {s.edge(a, b), middle(s, {a, b})}; }
+Point edge_point(const Simplex& s, int a, int b) {
+  return {s.edge(a, b), middle(s, {a, b})};
+}
+
 Point face_point(const Simplex& s, int a, int b, int c) {
   return {s.face(a, b, c), middle(s, {a, b, c})};
 }
@@ -200,7 +211,8 @@ Groups group_by_label(const Simplex& s, int corner_count) {
   Groups groups;
   for (int c = 0; c < corner_count; ++c) {
     int g = 0;
-    while (g < groups.count && s.label[groups.corners[g][0]] != s.label[c]) ++g;
+    while (g < groups.count && s.label[groups.corners[g][0]] != s.label[c])
+      ++g;
     if (g == groups.count) ++groups.count;
     groups.corners[g][groups.size[g]++] = c;
   }
@@ -282,8 +294,10 @@ void cut_layer(const Lattice& lattice, int k, FacetSink& sink) {
       }
       if (is_uniform) continue;
       for (const auto& [m1, m2] : kChains.tet) {
-        const Simplex s{lattice.node(i, j, k), {0, m1, m2, 7},
-                        {label[0], label[m1], label[m2], label[7]}, &lattice};
+        const Simplex s{lattice.node(i, j, k),
+                        {0, m1, m2, 7},
+                        {label[0], label[m1], label[m2], label[7]},
+                        &lattice};
         cut_tet(s, sink);
       }
     }
@@ -313,14 +327,16 @@ void cut_box_face(const Lattice& lattice, int axis, bool is_high, FacetSink& sin
 
 // Barycentric coordinates of the point where all n labels' values are equal, on the simplex of the
 // n nodes; clamped inside. Gaussian elimination on (f_0 - f_r) = 0, sum = 1.
-std::array<double, 4> equal_value_point(int n, const std::array<std::array<int, 3>, 4>& at,
+std::array<double, 4> equal_value_point(int n,
+                                        const std::array<std::array<int, 3>, 4>& at,
                                         const Lattice& lattice) {
   std::array<std::array<double, 5>, 4> system{};
   for (int row = 0; row + 1 < n; ++row)
     for (int c = 0; c < n; ++c)
       system[row][c] = lattice.value(lattice.label(at[0]), at[c]) -
                        lattice.value(lattice.label(at[row + 1]), at[c]);
-  for (int c = 0; c < n; ++c) system[n - 1][c] = 1;
+  for (int c = 0; c < n; ++c)
+    system[n - 1][c] = 1;
   system[n - 1][n] = 1;
   std::array<double, 4> w{};
   bool is_solved = true;
@@ -334,7 +350,8 @@ std::array<double, 4> equal_value_point(int n, const std::array<std::array<int, 
     for (int row = 0; row < n; ++row) {
       if (row == col) continue;
       const double factor = system[row][col] / system[col][col];
-      for (int c = col; c <= n; ++c) system[row][c] -= factor * system[col][c];
+      for (int c = col; c <= n; ++c)
+        system[row][c] -= factor * system[col][c];
     }
   }
   double sum = 0;
@@ -343,7 +360,8 @@ std::array<double, 4> equal_value_point(int n, const std::array<std::array<int, 
     w[c] = std::clamp(w[c], kBarycentricClamp, 1.0);
     sum += w[c];
   }
-  for (int c = 0; c < n; ++c) w[c] /= sum;
+  for (int c = 0; c < n; ++c)
+    w[c] /= sum;
   return w;
 }
 
@@ -376,7 +394,8 @@ Vec3 vertex_position(const Lattice& lattice, Key key) {
   }
   const auto w = equal_value_point(n, corner, lattice);
   Vec3 p = p0;  // as offsets from p0, so that points of a box face stay exactly in its plane
-  for (int c = 1; c < n; ++c) p += w[c] * (lattice.position(corner[c]) - p0);
+  for (int c = 1; c < n; ++c)
+    p += w[c] * (lattice.position(corner[c]) - p0);
   return p;
 }
 
@@ -389,7 +408,8 @@ class KeyIndex {
     row_start_.resize(rows + 1);
     std::size_t n = 0;
     for (std::size_t row = 0; row <= rows; ++row) {
-      while (n < keys_.size() && keys_[n] < row * row_keys_) ++n;
+      while (n < keys_.size() && keys_[n] < row * row_keys_)
+        ++n;
       row_start_[row] = n;
     }
   }
@@ -418,7 +438,8 @@ std::vector<KeyFacet> cut_lattice(const Lattice& lattice, const StageContext& co
     cut_box_face(lattice, static_cast<int>(face / 2), face % 2 == 1, sinks[layers + face]);
   report_progress(context, "dense surfaces", 0.4);
   std::size_t count = 0;
-  for (const auto& sink : sinks) count += sink.facets.size();
+  for (const auto& sink : sinks)
+    count += sink.facets.size();
   std::vector<KeyFacet> facets;
   facets.reserve(count);
   for (auto& sink : sinks) {
@@ -436,7 +457,8 @@ InterfaceMesh extract_interfaces(const LevelSets& level_sets, const StageContext
 
   std::vector<Key> keys;
   keys.reserve(3 * key_facets.size());
-  for (const auto& facet : key_facets) keys.insert(keys.end(), facet.keys.begin(), facet.keys.end());
+  for (const auto& facet : key_facets)
+    keys.insert(keys.end(), facet.keys.begin(), facet.keys.end());
   parallel_sort(keys.begin(), keys.end());
   keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
   const KeyIndex index(std::move(keys), lattice);
@@ -450,7 +472,8 @@ InterfaceMesh extract_interfaces(const LevelSets& level_sets, const StageContext
   mesh.facets.resize(key_facets.size());
   mesh.patch_of.resize(key_facets.size());
   parallel_for_each_index(0, key_facets.size(), [&](std::size_t f) {
-    for (int c = 0; c < 3; ++c) mesh.facets[f][c] = index.find(key_facets[f].keys[c]);
+    for (int c = 0; c < 3; ++c)
+      mesh.facets[f][c] = index.find(key_facets[f].keys[c]);
     mesh.patch_of[f] = key_facets[f].patch;
   });
   report_progress(context, "dense surfaces", 1);

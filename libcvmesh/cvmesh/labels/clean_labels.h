@@ -1,21 +1,21 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/context.h"
+#include "cvmesh/labels/label_volume.h"
+
 #include <cstddef>
 #include <map>
 #include <string>
 #include <vector>
 
-#include "cvmesh/core/context.h"
-#include "cvmesh/labels/label_volume.h"
-
 namespace cvmesh {
 
 struct CleanLabelsOptions {
-  std::size_t min_island_voxels = 1;    ///< smaller components go to a neighbour; 1 removes nothing
-  bool mesh_background = false;         ///< label 0 becomes a material like the others
-  std::vector<Label> drop_labels;       ///< these become background
-  std::map<Label, std::string> names;   ///< label -> name; others are called "label_<value>"
+  std::size_t min_island_voxels = 1;   ///< smaller components go to a neighbour; 1 removes nothing
+  bool mesh_background = false;        ///< label 0 becomes a material like the others
+  std::vector<Label> drop_labels;      ///< these become background
+  std::map<Label, std::string> names;  ///< label -> name; others are called "label_<value>"
 };
 
 /// What happened to one label of the input.
@@ -28,7 +28,7 @@ struct LabelAccount {
 };
 
 struct CleanLabelsStats {
-  std::vector<LabelAccount> accounts;   ///< ascending label, label 0 only if it is meshed
+  std::vector<LabelAccount> accounts;  ///< ascending label, label 0 only if it is meshed
   std::size_t islands_removed = 0, island_voxels = 0;
 };
 
@@ -46,7 +46,8 @@ struct CleanLabelsResult {
 /// at all and is meshed to its box.
 /// @throws Error BadInput when fewer than two labels are present, nothing is left to mesh, or
 ///         there are more than 65,534 labels; BadParameter when a label in `drop_labels` is absent
-CleanLabelsResult clean_labels(const InputVolume& input, const CleanLabelsOptions& options,
+CleanLabelsResult clean_labels(const InputVolume& input,
+                               const CleanLabelsOptions& options,
                                const StageContext& context);
 
 }  // namespace cvmesh

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/label.h"
+#include "cvmesh/grid/grid.h"
+
 #include <array>
 #include <string>
 #include <vector>
-
-#include "cvmesh/core/label.h"
-#include "cvmesh/grid/grid.h"
 
 namespace cvmesh {
 
@@ -19,14 +19,15 @@ using InputVolume = Grid<Label>;
 /// the border of the input, the crop ends there and the box face (half a voxel outside the last
 /// voxel centres) becomes a plane of the mesh.
 struct LabelVolume {
-  Grid<MaterialId> ids;                      ///< 0 exterior; `ids.frame` is the working grid
-  std::vector<Label> label_of;               ///< material id -> user label; [0] stands for exterior
-  std::vector<std::string> name_of;          ///< material id -> name for files and reports
-  std::array<int, 3> first_voxel{0, 0, 0};   ///< input index of the working grid's first voxel
-  std::array<int, 3> input_dims{0, 0, 0};    ///< dims of the input volume
+  Grid<MaterialId> ids;                     ///< 0 exterior; `ids.frame` is the working grid
+  std::vector<Label> label_of;              ///< material id -> user label; [0] stands for exterior
+  std::vector<std::string> name_of;         ///< material id -> name for files and reports
+  std::array<int, 3> first_voxel{0, 0, 0};  ///< input index of the working grid's first voxel
+  std::array<int, 3> input_dims{0, 0, 0};   ///< dims of the input volume
 
   /// Number of materials, the exterior included.
   [[nodiscard]] std::size_t material_count() const { return label_of.size(); }
+
   [[nodiscard]] const GridFrame& frame() const { return ids.frame; }
 };
 

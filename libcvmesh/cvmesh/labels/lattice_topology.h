@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/labels/label_volume.h"
+
 #include <cstddef>
 #include <vector>
-
-#include "cvmesh/labels/label_volume.h"
 
 namespace cvmesh {
 
@@ -13,7 +13,7 @@ namespace cvmesh {
 /// to the material when all its vertices do.
 struct LatticeTopology {
   std::size_t components = 0;
-  long long euler = 0;          ///< V - E + F - T; the boundary surface has twice this
+  long long euler = 0;  ///< V - E + F - T; the boundary surface has twice this
   std::size_t voxels = 0;
 };
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/levelset/build_level_sets.h"
 
+#include "cvmesh/core/parallel.h"
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
-
-#include "cvmesh/core/parallel.h"
 
 namespace cvmesh {
 namespace {
@@ -22,8 +22,10 @@ using Kernel1d = std::array<float, 2 * kReach + 1>;
 Kernel1d gaussian_kernel() {
   Kernel1d kernel;
   float sum = 0;
-  for (int d = -kReach; d <= kReach; ++d) sum += kernel[d + kReach] = std::exp(-0.5F * d * d);
-  for (float& w : kernel) w /= sum;
+  for (int d = -kReach; d <= kReach; ++d)
+    sum += kernel[d + kReach] = std::exp(-0.5F * d * d);
+  for (float& w : kernel)
+    w /= sum;
   return kernel;
 }
 
@@ -45,8 +47,7 @@ class BlockGrid {
   }
 
   [[nodiscard]] std::array<int, 3> place(std::size_t block) const {
-    return {static_cast<int>(block % blocks_[0]),
-            static_cast<int>(block / blocks_[0] % blocks_[1]),
+    return {static_cast<int>(block % blocks_[0]), static_cast<int>(block / blocks_[0] % blocks_[1]),
             static_cast<int>(block / blocks_[0] / blocks_[1])};
   }
 
@@ -54,7 +55,8 @@ class BlockGrid {
     const auto at = place(block);
     const auto& dims = labels_.frame.dims;
     std::array<int, kPadded> x;
-    for (int i = 0; i < kPadded; ++i) x[i] = std::clamp(at[0] * kBlock - kReach + i, 0, dims[0] - 1);
+    for (int i = 0; i < kPadded; ++i)
+      x[i] = std::clamp(at[0] * kBlock - kReach + i, 0, dims[0] - 1);
     out.present.clear();
     std::size_t n = 0;
     MaterialId last = 0;
@@ -83,8 +85,8 @@ class BlockGrid {
 };
 
 // 2 G * [label == m] - 1 on the nodes of one block, with the sign of the label kept at each node.
-void fill_block(const PaddedLabels& padded, MaterialId m, const Kernel1d& kernel, float margin,
-                float* values) {
+void fill_block(
+    const PaddedLabels& padded, MaterialId m, const Kernel1d& kernel, float margin, float* values) {
   static_assert(kPadded == 14);
   std::array<float, kPadded * kPadded * kBlock> x_pass;
   for (int row = 0; row < kPadded * kPadded; ++row)
@@ -119,7 +121,8 @@ void fill_block(const PaddedLabels& padded, MaterialId m, const Kernel1d& kernel
 }  // namespace
 
 BuildLevelSetsResult build_level_sets(std::shared_ptr<const Grid<MaterialId>> labels,
-                                      std::size_t material_count, const StageContext& context) {
+                                      std::size_t material_count,
+                                      const StageContext& context) {
   // Least magnitude at a node; keeps cut points away from nodes.
   constexpr float kMargin = 0.05F;
   const BlockGrid grid(*labels);
@@ -151,10 +154,11 @@ BuildLevelSetsResult build_level_sets(std::shared_ptr<const Grid<MaterialId>> la
   for (std::size_t m = 0; m < material_count; ++m) {
     if (hi[m][0] < 0) continue;
     fields[m].first_block = lo[m];
-    for (int axis = 0; axis < 3; ++axis) fields[m].blocks[axis] = hi[m][axis] - lo[m][axis] + 1;
-    fields[m].block_at.assign(static_cast<std::size_t>(fields[m].blocks[0]) * fields[m].blocks[1] *
-                                  fields[m].blocks[2],
-                              -1);
+    for (int axis = 0; axis < 3; ++axis)
+      fields[m].blocks[axis] = hi[m][axis] - lo[m][axis] + 1;
+    fields[m].block_at.assign(
+        static_cast<std::size_t>(fields[m].blocks[0]) * fields[m].blocks[1] * fields[m].blocks[2],
+        -1);
   }
   std::vector<std::int32_t> stored(material_count, 0);
   for (std::size_t block = 0; block < grid.size(); ++block)

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <cstddef>
-#include <memory>
-
 #include "cvmesh/core/context.h"
 #include "cvmesh/levelset/level_sets.h"
+
+#include <cstddef>
+#include <memory>
 
 namespace cvmesh {
 
 struct BuildLevelSetsStats {
-  std::size_t band_nodes = 0;     ///< over all materials
+  std::size_t band_nodes = 0;  ///< over all materials
   std::size_t stored_bytes = 0;
 };
 
@@ -25,6 +25,7 @@ struct BuildLevelSetsResult {
 /// Memory follows the interface area: about 4 bytes for each node of the blocks that the band
 /// touches, per material.
 BuildLevelSetsResult build_level_sets(std::shared_ptr<const Grid<MaterialId>> labels,
-                                      std::size_t material_count, const StageContext& context);
+                                      std::size_t material_count,
+                                      const StageContext& context);
 
 }  // namespace cvmesh

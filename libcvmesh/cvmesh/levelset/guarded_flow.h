@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <cstddef>
-
 #include "cvmesh/core/context.h"
 #include "cvmesh/core/label.h"
 #include "cvmesh/grid/grid.h"
+
+#include <cstddef>
 
 namespace cvmesh {
 
@@ -19,7 +19,10 @@ struct GuardedFlowResult {
 /// material [Williams 2005], as threshold dynamics [Merriman 1994], with the topology of every
 /// material on the 14-neighbour lattice kept: a node changes its label only where that is a simple
 /// change for the materials involved.
-GuardedFlowResult guarded_flow(const Grid<MaterialId>& labels, std::size_t material_count,
-                               double r_vox, int max_iterations, const StageContext& context);
+GuardedFlowResult guarded_flow(const Grid<MaterialId>& labels,
+                               std::size_t material_count,
+                               double r_vox,
+                               int max_iterations,
+                               const StageContext& context);
 
 }  // namespace cvmesh

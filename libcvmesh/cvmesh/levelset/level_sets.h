@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/label.h"
+#include "cvmesh/grid/grid.h"
+
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <vector>
-
-#include "cvmesh/core/label.h"
-#include "cvmesh/grid/grid.h"
 
 namespace cvmesh {
 
@@ -20,8 +20,8 @@ struct SparseLevelSet {
   static constexpr int kBlock = 8;
   std::array<int, 3> first_block{0, 0, 0};  ///< of the material's own box, in blocks of the grid
   std::array<int, 3> blocks{0, 0, 0};
-  std::vector<std::int32_t> block_at;       ///< x fastest; -1 where none is stored
-  std::vector<float> values;                ///< block after block, x fastest inside each
+  std::vector<std::int32_t> block_at;  ///< x fastest; -1 where none is stored
+  std::vector<float> values;           ///< block after block, x fastest inside each
 
   static constexpr int kBlockNodes = kBlock * kBlock * kBlock;
 
@@ -70,6 +70,7 @@ class LevelSets {
     double value = 0;
     Vec3 gradient;
   };
+
   [[nodiscard]] Sample sample_difference(MaterialId a, MaterialId b, const Vec3& p) const;
 };
 

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/levelset/tighten.h"
+
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/levelset/build_level_sets.h"
 #include "cvmesh/levelset/guarded_flow.h"
-#include "cvmesh/levelset/tighten.h"
 
 #include <algorithm>
 #include <array>
@@ -375,9 +376,9 @@ TightenResult tighten(LevelSets level_sets,
       FieldSmoother(result.level_sets.fields[m], static_cast<MaterialId>(m),
                     *result.level_sets.labels, static_cast<float>(options.margin))
           .run(options.smoothing_sweeps);
-      report_progress(context, "tightening",
-                      start + (1 - start) * static_cast<double>(m + 1) /
-                                  static_cast<double>(materials));
+      report_progress(
+          context, "tightening",
+          start + (1 - start) * static_cast<double>(m + 1) / static_cast<double>(materials));
     }
     result.stats.sweeps = options.smoothing_sweeps;
   }

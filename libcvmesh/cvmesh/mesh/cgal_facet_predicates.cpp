@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/mesh/facet_predicates.h"
+
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/intersections.h>
-
-#include "cvmesh/mesh/facet_predicates.h"
 
 namespace cvmesh {
 namespace {
@@ -10,11 +10,14 @@ namespace {
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using Point = Kernel::Point_3;
 
-Point to_point(const Vec3& p) { return {p.x, p.y, p.z}; }
+Point to_point(const Vec3& p) {
+  return {p.x, p.y, p.z};
+}
 
 // The corners of t on one strict side of the plane of s: +1, -1, or 0 when neither holds.
 // `shared` corners of t are on the plane by construction and do not count.
-int side_of_plane(const std::array<Point, 3>& s, const std::array<Point, 3>& t,
+int side_of_plane(const std::array<Point, 3>& s,
+                  const std::array<Point, 3>& t,
                   const std::array<bool, 3>& is_shared) {
   int side = 0;
   for (int c = 0; c < 3; ++c) {
@@ -28,7 +31,8 @@ int side_of_plane(const std::array<Point, 3>& s, const std::array<Point, 3>& t,
 
 }  // namespace
 
-bool facets_intersect(const std::vector<Vec3>& points, const VertexTriple& s,
+bool facets_intersect(const std::vector<Vec3>& points,
+                      const VertexTriple& s,
                       const VertexTriple& t) {
   std::array<bool, 3> in_s{}, in_t{};  // is corner of s also in t, and the other way round
   int shared = 0;

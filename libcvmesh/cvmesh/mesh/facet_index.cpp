@@ -20,12 +20,14 @@ void FacetIndex::insert(std::int32_t id, const Box3& box) {
   Vec3 lo = origin_;
   double side = side_;
   ++cells_[0].count;
-  for (int depth = 0; depth + 1 < kMaxDepth && side / 2 >= longest && side / 2 >= finest_; ++depth) {
+  for (int depth = 0; depth + 1 < kMaxDepth && side / 2 >= longest && side / 2 >= finest_;
+       ++depth) {
     if (cells_[cell].children < 0) {
       const auto first = static_cast<std::int32_t>(cells_.size());
       cells_.resize(cells_.size() + 8);
       cells_[cell].children = first;
-      for (int c = 0; c < 8; ++c) cells_[first + c].parent = cell;
+      for (int c = 0; c < 8; ++c)
+        cells_[first + c].parent = cell;
     }
     side /= 2;
     const int child = (center.x >= lo.x + side ? 1 : 0) | (center.y >= lo.y + side ? 2 : 0) |
@@ -47,7 +49,8 @@ void FacetIndex::remove(std::int32_t id) {
   else
     cells_[entry.cell].first = entry.next;
   if (entry.next >= 0) entries_[entry.next].previous = entry.previous;
-  for (auto cell = entry.cell; cell >= 0; cell = cells_[cell].parent) --cells_[cell].count;
+  for (auto cell = entry.cell; cell >= 0; cell = cells_[cell].parent)
+    --cells_[cell].count;
   entry.cell = -1;
 }
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/box3.h"
+
 #include <array>
 #include <cstdint>
 #include <vector>
-
-#include "cvmesh/core/box3.h"
 
 namespace cvmesh {
 
@@ -59,10 +59,12 @@ class FacetIndex {
     std::int32_t count = 0;      // entries of this cell and below
     std::int32_t parent = -1;
   };
+
   struct Entry {
     Box3 box;
     std::int32_t cell = -1, next = -1, previous = -1;
   };
+
   struct Step {
     std::int32_t cell;
     Vec3 lo;

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/box3.h"
+#include "cvmesh/core/vec3.h"
+
 #include <array>
 #include <cstdint>
 #include <vector>
-
-#include "cvmesh/core/box3.h"
-#include "cvmesh/core/vec3.h"
 
 /// Exact tests on facets given by vertex ids: shared vertices are recognised by id, everything else
 /// is decided by CGAL's filtered exact predicates on the coordinates.
@@ -15,7 +15,8 @@ namespace cvmesh {
 using VertexTriple = std::array<std::int32_t, 3>;
 
 /// True when two facets have more in common than shared vertices or a shared edge.
-bool facets_intersect(const std::vector<Vec3>& points, const VertexTriple& s,
+bool facets_intersect(const std::vector<Vec3>& points,
+                      const VertexTriple& s,
                       const VertexTriple& t);
 
 /// True when the facet's vertices are on one line.
@@ -26,7 +27,8 @@ bool is_in_tet(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c, const
 
 inline Box3 box_of(const std::vector<Vec3>& points, const VertexTriple& t) {
   Box3 box;
-  for (const auto v : t) box.add(points[v]);
+  for (const auto v : t)
+    box.add(points[v]);
   return box;
 }
 

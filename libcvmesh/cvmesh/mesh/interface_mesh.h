@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/label.h"
+#include "cvmesh/core/vec3.h"
+
 #include <array>
 #include <cstdint>
 #include <vector>
-
-#include "cvmesh/core/label.h"
-#include "cvmesh/core/vec3.h"
 
 namespace cvmesh {
 
@@ -41,11 +41,12 @@ struct Strata {
     bool is_closed = false;              ///< open curves start and end at corners
     std::vector<PatchKey> patches;       ///< sorted keys of the patches that meet along it
   };
-  std::vector<std::uint8_t> dimension;     ///< per vertex: 0 corner, 1 curve, 2 interface
+
+  std::vector<std::uint8_t> dimension;  ///< per vertex: 0 corner, 1 curve, 2 interface
   std::vector<Curve> curves;
-  std::vector<std::int32_t> curve_of;      ///< per vertex: its curve for dimension 1, else -1
-  std::vector<PatchKey> patches;           ///< sorted distinct keys
-  std::vector<std::int32_t> patch_of;      ///< per facet: index into `patches`
+  std::vector<std::int32_t> curve_of;  ///< per vertex: its curve for dimension 1, else -1
+  std::vector<PatchKey> patches;       ///< sorted distinct keys
+  std::vector<std::int32_t> patch_of;  ///< per facet: index into `patches`
 };
 
 /// Classifies vertices, facets and curves of `mesh`. Deterministic: curves are ordered by their
@@ -57,6 +58,7 @@ Strata find_strata(const InterfaceMesh& mesh);
 struct VertexStars {
   std::vector<std::int32_t> first, facet;
 };
+
 VertexStars find_vertex_stars(const InterfaceMesh& mesh);
 
 }  // namespace cvmesh

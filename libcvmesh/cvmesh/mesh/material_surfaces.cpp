@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/mesh/material_surfaces.h"
 
+#include "cvmesh/core/assert.h"
+#include "cvmesh/core/parallel.h"
+
+#include <CGAL/boost/graph/Euler_operations.h>
+
 #include <algorithm>
 #include <limits>
 #include <string>
 #include <tuple>
 #include <utility>
-
-#include <CGAL/boost/graph/Euler_operations.h>
-
-#include "cvmesh/core/assert.h"
-#include "cvmesh/core/parallel.h"
 
 namespace cvmesh {
 namespace {
@@ -41,18 +41,21 @@ MaterialSurfaces::MaterialSurfaces(const InterfaceMesh& mesh, std::size_t materi
   for (std::size_t m = 0; m < material_count; ++m)
     for (const auto v : meshes_[m].vertices())
       copies_[vertex_id_[m][v]].push_back({static_cast<MaterialId>(m), v});
-  for (const auto& c : copies_) vertex_count_ += c.empty() ? 0 : 1;
+  for (const auto& c : copies_)
+    vertex_count_ += c.empty() ? 0 : 1;
 }
 
 // Links halfedges by sorted edges instead of face by face: the order of insertion cannot fail, and
 // it is linear but for the sort.
 void MaterialSurfaces::build_material(MaterialId m, const std::vector<std::int32_t>& facet_ids) {
   HalfedgeMesh& mesh = meshes_[m];
+
   struct Side {
     std::int32_t a, b;   // ascending vertex ids
     std::int32_t place;  // 3 * facet + side
     auto operator<=>(const Side&) const = default;
   };
+
   std::vector<std::array<std::int32_t, 3>> corners(facet_ids.size());
   std::vector<Side> sides;
   sides.reserve(3 * facet_ids.size());
@@ -75,20 +78,21 @@ void MaterialSurfaces::build_material(MaterialId m, const std::vector<std::int32
   mesh.reserve(static_cast<HalfedgeMesh::size_type>(ids.size()),
                static_cast<HalfedgeMesh::size_type>(sides.size() / 2),
                static_cast<HalfedgeMesh::size_type>(facet_ids.size()));
-  for (const auto id : ids) vertex_id_[m][mesh.add_vertex()] = id;
+  for (const auto id : ids)
+    vertex_id_[m][mesh.add_vertex()] = id;
   const auto vertex_of = [&](std::int32_t id) {
     return VertexCopy(static_cast<HalfedgeMesh::size_type>(
         std::lower_bound(ids.begin(), ids.end(), id) - ids.begin()));
   };
   std::vector<Halfedge> halfedge_at(sides.size());
   for (std::size_t s = 0; s < sides.size(); s += 2) {
-    const bool is_pair = s + 1 < sides.size() && sides[s].a == sides[s + 1].a &&
-                         sides[s].b == sides[s + 1].b &&
-                         (s + 2 >= sides.size() || sides[s + 2].a != sides[s].a ||
-                          sides[s + 2].b != sides[s].b);
+    const bool is_pair =
+        s + 1 < sides.size() && sides[s].a == sides[s + 1].a && sides[s].b == sides[s + 1].b &&
+        (s + 2 >= sides.size() || sides[s + 2].a != sides[s].a || sides[s + 2].b != sides[s].b);
     require(is_pair, ErrorCode::Internal, "surfaces",
-            "the boundary of material " + std::to_string(m) + " is not a closed 2-manifold at edge " +
-                std::to_string(sides[s].a) + "-" + std::to_string(sides[s].b));
+            "the boundary of material " + std::to_string(m) +
+                " is not a closed 2-manifold at edge " + std::to_string(sides[s].a) + "-" +
+                std::to_string(sides[s].b));
     const Halfedge h = mesh.add_edge();
     halfedge_at[sides[s].place] = h;
     halfedge_at[sides[s + 1].place] = mesh.opposite(h);
@@ -181,7 +185,8 @@ MaterialSurfaces::VertexCopy MaterialSurfaces::copy_in(std::int32_t vertex, Mate
   return HalfedgeMesh::null_vertex();
 }
 
-MaterialSurfaces::Halfedge MaterialSurfaces::halfedge_between(MaterialId m, std::int32_t source,
+MaterialSurfaces::Halfedge MaterialSurfaces::halfedge_between(MaterialId m,
+                                                              std::int32_t source,
                                                               std::int32_t target) const {
   const HalfedgeMesh& mesh = meshes_[m];
   const VertexCopy v = copy_in(target, m);
@@ -195,7 +200,9 @@ MaterialSurfaces::Halfedge MaterialSurfaces::halfedge_between(MaterialId m, std:
   return HalfedgeMesh::null_halfedge();
 }
 
-bool MaterialSurfaces::facets_of_edge(std::int32_t a, std::int32_t b, std::int32_t& first,
+bool MaterialSurfaces::facets_of_edge(std::int32_t a,
+                                      std::int32_t b,
+                                      std::int32_t& first,
                                       std::int32_t& second) const {
   for (const Copy& copy : copies_[a]) {
     const MaterialId m = copy.material;
@@ -269,8 +276,8 @@ void MaterialSurfaces::give_samples(std::int32_t sample, const std::vector<std::
     for (const std::int32_t f : facets) {
       const auto& v = facets_[f].vertices;
       const Vec3& p = samples_[sample];
-      const double d2 = squared_norm(
-          nearest_on_triangle(p, points_[v[0]], points_[v[1]], points_[v[2]]) - p);
+      const double d2 =
+          squared_norm(nearest_on_triangle(p, points_[v[0]], points_[v[1]], points_[v[2]]) - p);
       if (d2 < least) {
         least = d2;
         nearest = f;
@@ -288,8 +295,8 @@ std::int32_t MaterialSurfaces::split_facet(std::int32_t facet, const Vec3& posit
   const std::int32_t center = add_vertex(position);
   std::vector<std::int32_t> created;
   for (int c = 0; c < 3; ++c) {
-    const Facet part{{old.vertices[c], old.vertices[(c + 1) % 3], center}, old.patch, {}, {}, -1,
-                     true};
+    const Facet part{
+        {old.vertices[c], old.vertices[(c + 1) % 3], center}, old.patch, {}, {}, -1, true};
     if (c == 0) facets_[facet] = part;
     created.push_back(c == 0 ? facet : add_facet(part));
   }
@@ -301,7 +308,8 @@ std::int32_t MaterialSurfaces::split_facet(std::int32_t facet, const Vec3& posit
     vertex_id_[m][v] = center;
     copies_[center].push_back({m, v});
     Halfedge h = spoke;
-    for (int c = 0; c < 3; ++c, h = mesh.opposite(mesh.next(h))) attach(m, h, created);
+    for (int c = 0; c < 3; ++c, h = mesh.opposite(mesh.next(h)))
+      attach(m, h, created);
   }
   give_samples(sample_list, created);
   return center;
@@ -351,7 +359,8 @@ std::int32_t MaterialSurfaces::split_edge(std::int32_t a, std::int32_t b, const 
       attach(m, mesh.opposite(diagonal), created);
     }
   }
-  for (const auto& [sample_list, facets] : heirs) give_samples(sample_list, facets);
+  for (const auto& [sample_list, facets] : heirs)
+    give_samples(sample_list, facets);
   return middle;
 }
 
@@ -380,18 +389,22 @@ void MaterialSurfaces::flip_edge(std::int32_t a, std::int32_t b) {
   give_samples(sample_list, pair);
 }
 
-void MaterialSurfaces::remove_vertex(std::int32_t vertex, const std::vector<Sheet>& sheets,
+void MaterialSurfaces::remove_vertex(std::int32_t vertex,
+                                     const std::vector<Sheet>& sheets,
                                      const std::vector<Triangulation>& triangulations,
                                      std::vector<std::int32_t>& created) {
   created.clear();
+
   // New facets take the places of the sheet's old ones; the samples go with them.
   struct Diagonal {
     std::int32_t a, b;
     PatchKey patch;
   };
+
   boost::container::small_vector<Diagonal, 16> diagonals;
   bool has_single = false;
-  for (const Sheet& sheet : sheets) has_single |= !sheet.is_disk && sheet.facets.size() == 1;
+  for (const Sheet& sheet : sheets)
+    has_single |= !sheet.is_disk && sheet.facets.size() == 1;
   samples_.push_back(points_[vertex]);
   next_sample_.push_back(-1);
   std::int32_t own_sample = static_cast<std::int32_t>(samples_.size() - 1);
@@ -404,7 +417,11 @@ void MaterialSurfaces::remove_vertex(std::int32_t vertex, const std::vector<Shee
     for (std::size_t t = 0; t < triangulations[s].size(); ++t) {
       const auto& triangle = triangulations[s][t];
       const Facet facet{{sheet.ring[triangle[0]], sheet.ring[triangle[1]], sheet.ring[triangle[2]]},
-                        sheet.patch, {}, {}, -1, true};
+                        sheet.patch,
+                        {},
+                        {},
+                        -1,
+                        true};
       facets_[sheet.facets[t]] = facet;
       ids.push_back(sheet.facets[t]);
       for (int c = 0; c < 3; ++c) {
@@ -466,15 +483,16 @@ void MaterialSurfaces::remove_vertex(std::int32_t vertex, const std::vector<Shee
       if (!is_on_curve && has_single) {
         bool is_single_here = false;
         for (const Sheet& other : sheets)
-          is_single_here |= other.facets.size() == 1 && (other.patch.sides.inside == m ||
-                                                         other.patch.sides.outside == m);
+          is_single_here |= other.facets.size() == 1 &&
+                            (other.patch.sides.inside == m || other.patch.sides.outside == m);
         if (!is_single_here) cut(sheet.ring.front(), sheet.ring.back());
       }
       is_on_curve = true;
     }
     for (const Diagonal& d : diagonals)
       if (d.patch.sides.inside == m || d.patch.sides.outside == m) cut(d.a, d.b);
-    for (const Halfedge h : loose) attach(m, h, created);
+    for (const Halfedge h : loose)
+      attach(m, h, created);
   }
   copies_[vertex].clear();
   --vertex_count_;
@@ -492,18 +510,22 @@ InterfaceMesh MaterialSurfaces::to_interface_mesh(std::vector<std::int32_t>* ver
     mesh.points.push_back(points_[v]);
     if (vertex_ids != nullptr) vertex_ids->push_back(static_cast<std::int32_t>(v));
   }
+
   struct Entry {
     PatchKey patch;
     std::array<std::int32_t, 3> vertices;
+
     bool operator<(const Entry& other) const {
       return std::tie(patch, vertices) < std::tie(other.patch, other.vertices);
     }
   };
+
   std::vector<Entry> entries;
   for (const Facet& facet : facets_) {
     if (!facet.is_alive) continue;
     Entry entry{facet.patch, facet.vertices};
-    for (auto& v : entry.vertices) v = compact[v];
+    for (auto& v : entry.vertices)
+      v = compact[v];
     const auto least = std::min_element(entry.vertices.begin(), entry.vertices.end());
     std::rotate(entry.vertices.begin(), least, entry.vertices.end());
     entries.push_back(entry);
@@ -540,8 +562,10 @@ Validation MaterialSurfaces::validate() const {
         fault("facet " + std::to_string(f) + " does not know its face");
       Halfedge h = mesh.halfedge(face);
       std::array<std::int32_t, 3> v{};
-      for (int c = 0; c < 3; ++c, h = mesh.next(h)) v[c] = vertex_id_[m][mesh.target(h)];
-      if (h != mesh.halfedge(face)) fault("a face of mesh " + std::to_string(m) + " is no triangle");
+      for (int c = 0; c < 3; ++c, h = mesh.next(h))
+        v[c] = vertex_id_[m][mesh.target(h)];
+      if (h != mesh.halfedge(face))
+        fault("a face of mesh " + std::to_string(m) + " is no triangle");
       if (!is_inside) std::swap(v[1], v[2]);
       std::rotate(v.begin(), std::find(v.begin(), v.end(), facet.vertices[0]), v.end());
       if (v != facet.vertices) fault("facet " + std::to_string(f) + " and its face differ");

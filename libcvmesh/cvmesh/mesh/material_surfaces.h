@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <array>
-#include <cstddef>
-#include <cstdint>
-#include <vector>
+#include "cvmesh/core/label.h"
+#include "cvmesh/core/vec3.h"
+#include "cvmesh/mesh/interface_mesh.h"
+#include "cvmesh/mesh/validate.h"
 
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Surface_mesh.h>
 #include <boost/container/small_vector.hpp>
 
-#include "cvmesh/core/label.h"
-#include "cvmesh/core/vec3.h"
-#include "cvmesh/mesh/interface_mesh.h"
-#include "cvmesh/mesh/validate.h"
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
 
 namespace cvmesh {
 
@@ -40,8 +40,8 @@ class MaterialSurfaces {
   struct Facet {
     std::array<std::int32_t, 3> vertices;  ///< counter-clockwise seen from the outside material
     PatchKey patch;
-    Face inside_face, outside_face;        ///< mirrored copies
-    std::int32_t first_sample = -1;        ///< head of the list through `next_sample`
+    Face inside_face, outside_face;  ///< mirrored copies
+    std::int32_t first_sample = -1;  ///< head of the list through `next_sample`
     bool is_alive = true;
   };
 
@@ -72,11 +72,17 @@ class MaterialSurfaces {
   MaterialSurfaces(const InterfaceMesh& mesh, std::size_t material_count);
 
   [[nodiscard]] std::size_t material_count() const { return meshes_.size(); }
+
   [[nodiscard]] const HalfedgeMesh& mesh(MaterialId m) const { return meshes_[m]; }
+
   [[nodiscard]] const std::vector<Vec3>& points() const { return points_; }
+
   [[nodiscard]] const std::vector<Facet>& facets() const { return facets_; }
+
   [[nodiscard]] bool is_alive(std::int32_t vertex) const { return !copies_[vertex].empty(); }
+
   [[nodiscard]] std::size_t vertex_count() const { return vertex_count_; }
+
   [[nodiscard]] const auto& copies(std::int32_t vertex) const { return copies_[vertex]; }
 
   /// The sheets around a vertex; false (and nothing useful in `sheets`) for a corner, where other
@@ -88,7 +94,9 @@ class MaterialSurfaces {
 
   /// The two facets of an edge inside a patch, or false when (a, b) is no edge or a curve edge.
   /// `first` is the facet in which a precedes b.
-  bool facets_of_edge(std::int32_t a, std::int32_t b, std::int32_t& first,
+  bool facets_of_edge(std::int32_t a,
+                      std::int32_t b,
+                      std::int32_t& first,
                       std::int32_t& second) const;
 
   void move_vertex(std::int32_t vertex, const Vec3& position) { points_[vertex] = position; }
@@ -107,14 +115,16 @@ class MaterialSurfaces {
   /// over the samples of the sheet and the removed vertex itself as a sample.
   /// @pre every diagonal (and for half-disks of more than one facet the closing edge) is new
   /// @param[out] created  ids of the new facets
-  void remove_vertex(std::int32_t vertex, const std::vector<Sheet>& sheets,
+  void remove_vertex(std::int32_t vertex,
+                     const std::vector<Sheet>& sheets,
                      const std::vector<Triangulation>& triangulations,
                      std::vector<std::int32_t>& created);
 
   /// Calls `visit(sample position)` for the samples that a facet carries.
   template <typename Visit>
   void for_each_sample(std::int32_t facet, const Visit& visit) const {
-    for (auto s = facets_[facet].first_sample; s >= 0; s = next_sample_[s]) visit(samples_[s]);
+    for (auto s = facets_[facet].first_sample; s >= 0; s = next_sample_[s])
+      visit(samples_[s]);
   }
 
   /// Flat copy, facets in order of (patch, vertices), vertices in order of their ids.

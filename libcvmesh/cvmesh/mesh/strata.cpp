@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/parallel.h"
+#include "cvmesh/mesh/interface_mesh.h"
+
 #include <algorithm>
 #include <array>
 #include <utility>
-
-#include "cvmesh/core/parallel.h"
-#include "cvmesh/mesh/interface_mesh.h"
 
 namespace cvmesh {
 namespace {
 
 struct HalfEdge {
-  std::int32_t a, b;    // a < b
+  std::int32_t a, b;  // a < b
   std::int32_t patch;
   friend auto operator<=>(const HalfEdge&, const HalfEdge&) = default;
 };
@@ -55,7 +55,8 @@ class CurveTracer {
       ++first_[e.a + 1];
       ++first_[e.b + 1];
     }
-    for (std::size_t v = 0; v < vertex_count; ++v) first_[v + 1] += first_[v];
+    for (std::size_t v = 0; v < vertex_count; ++v)
+      first_[v + 1] += first_[v];
     incident_.resize(2 * edges_.size());
     auto fill = first_;
     for (std::size_t e = 0; e < edges_.size(); ++e) {
@@ -89,7 +90,8 @@ class CurveTracer {
 
   void walk(std::int32_t start, std::int32_t edge) {
     Strata::Curve curve;
-    for (const auto patch : edges_[edge].patches) curve.patches.push_back(strata_.patches[patch]);
+    for (const auto patch : edges_[edge].patches)
+      curve.patches.push_back(strata_.patches[patch]);
     curve.vertices.push_back(start);
     std::int32_t v = start;
     for (;;) {
@@ -148,12 +150,15 @@ VertexStars find_vertex_stars(const InterfaceMesh& mesh) {
   VertexStars stars;
   stars.first.assign(mesh.points.size() + 1, 0);
   for (const auto& facet : mesh.facets)
-    for (const auto v : facet) ++stars.first[v + 1];
-  for (std::size_t v = 0; v < mesh.points.size(); ++v) stars.first[v + 1] += stars.first[v];
+    for (const auto v : facet)
+      ++stars.first[v + 1];
+  for (std::size_t v = 0; v < mesh.points.size(); ++v)
+    stars.first[v + 1] += stars.first[v];
   stars.facet.resize(3 * mesh.facets.size());
   auto fill = stars.first;
   for (std::size_t f = 0; f < mesh.facets.size(); ++f)
-    for (const auto v : mesh.facets[f]) stars.facet[fill[v]++] = static_cast<std::int32_t>(f);
+    for (const auto v : mesh.facets[f])
+      stars.facet[fill[v]++] = static_cast<std::int32_t>(f);
   return stars;
 }
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/mesh/interface_mesh.h"
+#include "cvmesh/mesh/tet_mesh.h"
+
 #include <cstddef>
 #include <string>
 #include <vector>
-
-#include "cvmesh/mesh/interface_mesh.h"
-#include "cvmesh/mesh/tet_mesh.h"
 
 namespace cvmesh {
 
@@ -14,15 +14,17 @@ namespace cvmesh {
 /// of each kind), naming facet, vertex or material.
 struct Validation {
   std::vector<std::string> faults;
+
   [[nodiscard]] bool is_valid() const { return faults.empty(); }
-  [[nodiscard]] std::string summary() const;   ///< all faults, one per line
+
+  [[nodiscard]] std::string summary() const;  ///< all faults, one per line
 };
 
 /// Topology of one material's boundary surface.
 struct BoundaryTopology {
   std::size_t components = 0;
-  long long euler = 0;                 ///< V - E + F
-  bool is_closed_manifold = false;     ///< every edge in two facets, every vertex link one cycle
+  long long euler = 0;              ///< V - E + F
+  bool is_closed_manifold = false;  ///< every edge in two facets, every vertex link one cycle
 };
 
 /// One entry per material id.

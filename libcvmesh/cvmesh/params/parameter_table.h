@@ -31,7 +31,7 @@ template <typename Owner>
 struct ParameterInfo {
   std::string_view key;
   std::string_view unit{};  ///< empty for pure numbers and choices
-  std::string_view doc;   ///< one sentence: meaning, then what it costs
+  std::string_view doc;     ///< one sentence: meaning, then what it costs
   ParameterField (*field)(Owner&);
   double min = -std::numeric_limits<double>::infinity();
   double max = std::numeric_limits<double>::infinity();

@@ -3,8 +3,8 @@
 
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
-#include "cvmesh/particles/particle_energy.h"
 #include "cvmesh/particles/neighbour_tree.h"
+#include "cvmesh/particles/particle_energy.h"
 #include "cvmesh/particles/sheets.h"
 
 #include <spdlog/spdlog.h>
@@ -23,20 +23,22 @@ namespace {
 namespace energy = particle_energy;
 
 constexpr char kStage[] = "particle optimisation";
-constexpr double kListSlack = 1.25;       // neighbour lists reach farther than forces: they are kept
-constexpr int kSweepsPerList = 2;         //   for this many sweeps
-constexpr int kSweepsPerControl = 3;      // between two rounds of splitting and deleting
-constexpr double kControlShare = 0.6;     // of the sweeps; the rest only relaxes
-constexpr double kOverRelaxation = 1.3;   // Newton steps of the radial part alone are too short
-constexpr double kLongestStep = 0.5;      // over h
-constexpr int kStepTries = 4;             // each a third of the one before
-constexpr double kHole = 1.3;             // empty circle over that of the ideal triangle
-constexpr std::size_t kExchangePart = 40; // one in so many is moved to a hole at a time
-constexpr std::size_t kLeastExchange = 8; // particles on a sheet where that makes sense
+constexpr double kListSlack = 1.25;      // neighbour lists reach farther than forces: they are kept
+constexpr int kSweepsPerList = 2;        //   for this many sweeps
+constexpr int kSweepsPerControl = 3;     // between two rounds of splitting and deleting
+constexpr double kControlShare = 0.6;    // of the sweeps; the rest only relaxes
+constexpr double kOverRelaxation = 1.3;  // Newton steps of the radial part alone are too short
+constexpr double kLongestStep = 0.5;     // over h
+constexpr int kStepTries = 4;            // each a third of the one before
+constexpr double kHole = 1.3;            // empty circle over that of the ideal triangle
+constexpr double kLeastHole = 1.0;       // no particle is added to what is closer than ideal
+constexpr double kCoincident = 0.3;      // distance over h; relaxed neighbours keep 0.6
+constexpr std::size_t kExchangePart = 40;  // one in so many is moved to a hole at a time
+constexpr std::size_t kLeastExchange = 8;  // particles on a sheet where that makes sense
 constexpr double kFullSightCosine = 0.25, kOpposedSight = 0.15;
-constexpr double kThinAbove = 1.25;       // seeds over the count that is wanted
+constexpr double kThinAbove = 1.25;  // seeds over the count that is wanted
 constexpr std::size_t kThinNeighbours = 24;
-constexpr double kConverged = 1e-3;       // relative change of a sheet's energy
+constexpr double kConverged = 1e-3;  // relative change of a sheet's energy
 constexpr double kCurveClearanceVox = 0.1, kLeastDistanceVox = 1e-3;
 
 // The particles of one sheet; the rim comes first and does not move.
@@ -48,8 +50,8 @@ struct Cloud {
   std::vector<double> h;
   std::vector<std::int32_t> facet;
   std::vector<std::uint8_t> is_projected, is_guard;
-  std::vector<std::int32_t> first, neighbour;       // lists, ascending
-  std::vector<std::vector<std::int32_t>> classes;   // no two of a class are neighbours
+  std::vector<std::int32_t> first, neighbour;      // lists, ascending
+  std::vector<std::vector<std::int32_t>> classes;  // no two of a class are neighbours
   double last_energy = std::numeric_limits<double>::infinity();
   bool is_settled = false;
 
@@ -95,7 +97,9 @@ struct Cloud {
   }
 };
 
-double mean_h(const Cloud& c, std::size_t i, std::size_t j) { return 0.5 * (c.h[i] + c.h[j]); }
+double mean_h(const Cloud& c, std::size_t i, std::size_t j) {
+  return 0.5 * (c.h[i] + c.h[j]);
+}
 
 // Particles see each other fully with normals up to 75 degrees apart. Those on opposite walls of a
 // thin part must not, or they push each other aside at large epsilon; they only keep a small
@@ -174,7 +178,8 @@ void colour(Cloud& c) {
     for (auto k = c.first[i]; k < c.first[i + 1]; ++k)
       if (const int used = colour_of[c.neighbour[k]]; used >= 0) last_use[used] = i;
     std::size_t free = 0;
-    while (free < last_use.size() && last_use[free] == i) ++free;
+    while (free < last_use.size() && last_use[free] == i)
+      ++free;
     if (free == last_use.size()) {
       last_use.push_back(0);
       c.classes.emplace_back();
@@ -191,8 +196,7 @@ void rebuild(Cloud& c, bool is_thinning = false) {
 
 // ---- energy and moves -------------------------------------------------------------------------
 
-double energy_at(
-    const Cloud& c, std::size_t i, const Vec3& x, const Vec3& normal, double h) {
+double energy_at(const Cloud& c, std::size_t i, const Vec3& x, const Vec3& normal, double h) {
   double sum = 0;
   for (auto k = c.first[i]; k < c.first[i + 1]; ++k) {
     const auto j = c.neighbour[k];
@@ -283,13 +287,15 @@ energy::Star star_of(const Cloud& c, std::size_t i) {
     offsets.push_back(c.position[j] - c.position[i]);
   }
   energy::Star star = energy::find_star(offsets, c.normal[i]);
-  for (auto& index : star.ring) index = particles[index];
+  for (auto& index : star.ring)
+    index = particles[index];
   return star;
 }
 
 struct Crowd {
   double energy;
   std::int32_t particle;
+
   friend bool operator<(const Crowd& a, const Crowd& b) {
     return a.energy != b.energy ? a.energy > b.energy : a.particle < b.particle;
   }
@@ -326,10 +332,12 @@ std::size_t delete_crowded(Cloud& c, std::size_t most, double touching) {
 // neighbour, lands in a gap only if there is one on that side.)
 std::size_t split_sparse(Cloud& c, const Sheets& sheets, double threshold, std::size_t most) {
   if (most == 0) return 0;
+
   struct Gap {
     double width = 0;
     Vec3 centre;
   };
+
   std::vector<Gap> gaps(c.size());
   parallel_for_each_index(
       c.rim_size, c.size(),
@@ -339,7 +347,8 @@ std::size_t split_sparse(Cloud& c, const Sheets& sheets, double threshold, std::
         if (star.ring.empty() || (!star.is_closed && sheets.sheets[c.sheet].is_closed)) {
           // Alone, or with all neighbours on one side: away from them.
           Vec3 away{};
-          for (const auto j : star.ring) away += normalized(c.position[i] - c.position[j]);
+          for (const auto j : star.ring)
+            away += normalized(c.position[i] - c.position[j]);
           if (star.ring.empty()) away = cross(c.normal[i], {0.36, 0.48, 0.8});
           gaps[i] = {2 * kHole, c.position[i] + c.h[i] * normalized(away)};
         } else if (star.hole_radius > 0) {
@@ -351,9 +360,8 @@ std::size_t split_sparse(Cloud& c, const Sheets& sheets, double threshold, std::
       128);
   std::vector<std::int32_t> order(c.size());
   std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
-    return gaps[a].width > gaps[b].width;
-  });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::int32_t a, std::int32_t b) { return gaps[a].width > gaps[b].width; });
   const std::size_t old_size = c.size();
   std::size_t count = 0;
   for (const auto i : order) {
@@ -373,6 +381,29 @@ std::size_t split_sparse(Cloud& c, const Sheets& sheets, double threshold, std::
   return count;
 }
 
+// Deletes inner particles that are much too near to another: what is left of folds in the dense
+// surface, and of sheets too narrow for h. Guards stay, and so does the last particle.
+std::size_t delete_coincident(Cloud& c) {
+  if (c.h_scale < 1) return 0;  // guarded: every particle counts
+  std::vector<bool> is_deleted(c.size(), false);
+  std::size_t count = 0;
+  for (std::size_t i = c.rim_size; i < c.size() && count + 1 < c.free_count(); ++i) {
+    if (c.is_guard[i] != 0) continue;
+    for (auto k = c.first[i]; k < c.first[i + 1] && !is_deleted[i]; ++k) {
+      const auto j = static_cast<std::size_t>(c.neighbour[k]);
+      if (is_deleted[j] || (j > i && c.is_guard[j] == 0)) continue;
+      is_deleted[i] = dot(c.normal[i], c.normal[j]) > 0 &&
+                      distance(c.position[i], c.position[j]) < kCoincident * mean_h(c, i, j);
+    }
+    count += is_deleted[i];
+  }
+  if (count > 0) {
+    c.erase(is_deleted);
+    rebuild(c);
+  }
+  return count;
+}
+
 struct Changes {
   std::size_t split = 0, deleted = 0;
 };
@@ -380,15 +411,16 @@ struct Changes {
 // Crowded particles move to gaps as long as there are both; then the count is made right.
 Changes control_population(Cloud& c, const Sheets& sheets) {
   Changes changes;
+  changes.deleted = delete_coincident(c);
   const std::size_t before = c.free_count();
   if (before >= kLeastExchange)
     changes.split = split_sparse(c, sheets, kHole, 1 + before / kExchangePart);
   if (changes.split > 0) rebuild(c);
   const std::size_t excess = c.free_count() > c.wanted ? c.free_count() - c.wanted : 0;
-  changes.deleted = delete_crowded(c, excess, 1.0);
+  changes.deleted += delete_crowded(c, excess, 1.0);
   if (c.free_count() < c.wanted) {
     rebuild(c);
-    changes.split += split_sparse(c, sheets, 0, c.wanted - c.free_count());
+    changes.split += split_sparse(c, sheets, kLeastHole, c.wanted - c.free_count());
   }
   return changes;
 }
@@ -402,9 +434,8 @@ Changes thin(Cloud& c, const Sheets& sheets, int& rounds) {
     rebuild(c, true);
     const std::size_t most = std::min(c.free_count() - c.wanted, 1 + c.free_count() / 4);
     // Neighbours of a deleted one stay this round: about its first ring, at the present density.
-    const double spacing =
-        std::sqrt(static_cast<double>(std::max<std::size_t>(c.wanted, 1)) /
-                  static_cast<double>(c.free_count()));
+    const double spacing = std::sqrt(static_cast<double>(std::max<std::size_t>(c.wanted, 1)) /
+                                     static_cast<double>(c.free_count()));
     const std::size_t deleted = delete_crowded(c, most, 1.2 * spacing);
     if (deleted == 0) break;
     changes.deleted += deleted;
@@ -465,7 +496,8 @@ std::vector<Cloud> gather(const std::vector<Particle>& particles,
 // Particles of different sheets in one place: the later one goes back onto its own facet.
 void separate(std::vector<Particle>& particles, const InterfaceMesh& dense, double voxel_mm) {
   std::vector<Vec3> places;
-  for (const Particle& p : particles) places.push_back(p.position);
+  for (const Particle& p : particles)
+    places.push_back(p.position);
   if (places.empty()) return;
   const NeighbourTree tree(places);
   std::vector<std::int32_t> found;
@@ -475,8 +507,8 @@ void separate(std::vector<Particle>& particles, const InterfaceMesh& dense, doub
     tree.within(p.position, kLeastDistanceVox * voxel_mm, found);
     if (found.size() < 2 || found.front() == static_cast<std::int32_t>(i)) continue;
     const auto& v = dense.facets[p.carrier[0]];
-    p.position = nearest_on_triangle(p.position, dense.points[v[0]], dense.points[v[1]],
-                                     dense.points[v[2]]);
+    p.position =
+        nearest_on_triangle(p.position, dense.points[v[0]], dense.points[v[1]], dense.points[v[2]]);
   }
 }
 
@@ -486,8 +518,8 @@ struct StarSums {
 };
 
 StarSums join(const StarSums& a, const StarSums& b) {
-  return {a.edges + b.edges,         a.sum + b.sum,           a.squares + b.squares,
-          a.nearest + b.nearest,     a.particles + b.particles, a.six + b.six};
+  return {a.edges + b.edges,         a.sum + b.sum, a.squares + b.squares, a.nearest + b.nearest,
+          a.particles + b.particles, a.six + b.six};
 }
 
 // Edges of the local triangulations: each once if both ends move, all that end at the rim.
@@ -525,8 +557,8 @@ void write_statistics(const std::vector<Cloud>& clouds, DistributeParticlesStats
   if (all.particles == 0) return;
   const auto particles = static_cast<double>(all.particles);
   stats.edge_over_h_mean = all.sum / all.edges;
-  stats.edge_over_h_sd = std::sqrt(std::max(
-      0.0, all.squares / all.edges - stats.edge_over_h_mean * stats.edge_over_h_mean));
+  stats.edge_over_h_sd = std::sqrt(
+      std::max(0.0, all.squares / all.edges - stats.edge_over_h_mean * stats.edge_over_h_mean));
   stats.nearest_over_h_mean = all.nearest / particles;
   stats.six_neighbour_share = static_cast<double>(all.six) / particles;
 }
@@ -563,7 +595,8 @@ DistributeParticlesResult distribute_particles(ParticleSet particles,
     changes[s] = thin(clouds[s], sheets, rounds[s]);
     rebuild(clouds[s]);
   });
-  for (const int r : rounds) stats.thinning_rounds = std::max(stats.thinning_rounds, r);
+  for (const int r : rounds)
+    stats.thinning_rounds = std::max(stats.thinning_rounds, r);
 
   const int last_control = static_cast<int>(kControlShare * options.max_sweeps);
   for (int pass = 1; pass <= options.max_sweeps; ++pass) {
@@ -592,7 +625,10 @@ DistributeParticlesResult distribute_particles(ParticleSet particles,
     if (is_settled) break;
   }
 
-  for_each_cloud([&](std::size_t s) { rebuild(clouds[s]); });
+  for_each_cloud([&](std::size_t s) {
+    rebuild(clouds[s]);
+    changes[s].deleted = delete_coincident(clouds[s]);
+  });
   write_statistics(clouds, stats);
   std::stable_sort(clouds.begin(), clouds.end(), [&](const Cloud& a, const Cloud& b) {
     return sheets.sheets[a.sheet].patch < sheets.sheets[b.sheet].patch;

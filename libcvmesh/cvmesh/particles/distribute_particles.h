@@ -57,9 +57,9 @@ struct DistributeParticlesOptions {
 };
 
 struct DistributeParticlesStats {
-  int sweeps = 0;               ///< thinning rounds of dense seeds not counted
+  int sweeps = 0;  ///< thinning rounds of dense seeds not counted
   int thinning_rounds = 0;
-  std::vector<double> energy;   ///< total energy after each sweep
+  std::vector<double> energy;  ///< total energy after each sweep
   std::size_t split = 0, deleted = 0;
   std::size_t on_dense_facet = 0;  ///< could not be projected within half a voxel
   double edge_over_h_mean = 0, edge_over_h_sd = 0;

@@ -54,7 +54,9 @@ struct NeighbourTree::Tree {
       : points{p}, index(3, points, nanoflann::KDTreeSingleIndexAdaptorParams(8)) {}
 };
 
-NeighbourTree::NeighbourTree(const std::vector<Vec3>& points) : tree_(std::make_unique<Tree>(points)) {}
+NeighbourTree::NeighbourTree(const std::vector<Vec3>& points)
+    : tree_(std::make_unique<Tree>(points)) {}
+
 NeighbourTree::~NeighbourTree() = default;
 NeighbourTree::NeighbourTree(NeighbourTree&&) noexcept = default;
 NeighbourTree& NeighbourTree::operator=(NeighbourTree&&) noexcept = default;
@@ -67,7 +69,9 @@ void NeighbourTree::within(const Vec3& p, double radius, std::vector<std::int32_
   std::sort(found.begin(), found.end());
 }
 
-void NeighbourTree::nearest(const Vec3& p, std::size_t count, std::vector<std::int32_t>& found) const {
+void NeighbourTree::nearest(const Vec3& p,
+                            std::size_t count,
+                            std::vector<std::int32_t>& found) const {
   const double query[3] = {p.x, p.y, p.z};
   std::vector<std::uint32_t> indices(count);
   std::vector<double> squared(count);

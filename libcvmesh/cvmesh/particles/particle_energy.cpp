@@ -24,12 +24,14 @@ std::vector<Planar> convex_hull(std::vector<Planar> points) {
   std::vector<Planar> hull(2 * points.size());
   std::size_t size = 0;
   for (const Planar& p : points) {
-    while (size >= 2 && turn(hull[size - 2], hull[size - 1], p) <= 0) --size;
+    while (size >= 2 && turn(hull[size - 2], hull[size - 1], p) <= 0)
+      --size;
     hull[size++] = p;
   }
   const std::size_t lower = size + 1;
   for (std::size_t i = points.size() - 1; i-- > 0;) {
-    while (size >= lower && turn(hull[size - 2], hull[size - 1], points[i]) <= 0) --size;
+    while (size >= lower && turn(hull[size - 2], hull[size - 1], points[i]) <= 0)
+      --size;
     hull[size++] = points[i];
   }
   hull.resize(size - 1);

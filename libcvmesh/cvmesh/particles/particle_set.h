@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/vec3.h"
+
 #include <cstdint>
 #include <vector>
-
-#include "cvmesh/core/vec3.h"
 
 namespace cvmesh {
 
@@ -20,12 +20,12 @@ enum class ParticleOrigin : std::uint8_t {
 /// (corners), a dense edge given by its two end vertices (curves), or a dense facet (interfaces).
 /// Its position lies within half a voxel of that carrier.
 struct Particle {
-  Vec3 position;                      ///< grid mm
-  double h_mm = 0;                    ///< target edge length here
-  std::uint8_t dimension = 2;         ///< 0 corner, 1 curve, 2 interface
+  Vec3 position;               ///< grid mm
+  double h_mm = 0;             ///< target edge length here
+  std::uint8_t dimension = 2;  ///< 0 corner, 1 curve, 2 interface
   ParticleOrigin origin = ParticleOrigin::Optimised;
-  std::int32_t stratum = -1;          ///< dense vertex (0), curve (1) or patch (2) of `Strata`
-  std::int32_t carrier[2] = {-1, -1}; ///< dense vertex | two dense vertices of an edge | facet
+  std::int32_t stratum = -1;           ///< dense vertex (0), curve (1) or patch (2) of `Strata`
+  std::int32_t carrier[2] = {-1, -1};  ///< dense vertex | two dense vertices of an edge | facet
 };
 
 struct ParticleSet {

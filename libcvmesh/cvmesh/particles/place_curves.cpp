@@ -19,7 +19,9 @@ constexpr double kLeastSpacingVox = 1e-3;
 constexpr std::size_t kVerticesForFour = 8;   // a closed curve this long carries four particles
 constexpr std::size_t kVerticesToSmooth = 8;  // shorter chains would shrink
 
-Vec3 mix(const Vec3& a, const Vec3& b, double t) { return a + t * (b - a); }
+Vec3 mix(const Vec3& a, const Vec3& b, double t) {
+  return a + t * (b - a);
+}
 
 // What a junction curve solves: the interfaces that meet along it, inside the walls it lies in.
 struct CurveEquations {
@@ -48,9 +50,9 @@ CurveEquations equations_of(const Strata::Curve& curve) {
 }
 
 struct Chain {
-  std::vector<Vec3> dense, smooth;   // of the vertices; a closed chain ends with its first again
+  std::vector<Vec3> dense, smooth;  // of the vertices; a closed chain ends with its first again
   std::vector<double> h;
-  std::vector<double> steps;         // integral of ds / h up to each vertex
+  std::vector<double> steps;  // integral of ds / h up to each vertex
   double length = 0;
 };
 
@@ -108,8 +110,8 @@ int least_parts(const Strata::Curve& curve, bool has_twin) {
 std::vector<bool> find_twins(const std::vector<Strata::Curve>& curves) {
   std::map<std::pair<std::int32_t, std::int32_t>, int> count;
   const auto ends = [](const Strata::Curve& c) {
-    return std::pair<std::int32_t, std::int32_t>(std::minmax(c.vertices.front(),
-                                                             c.vertices.back()));
+    return std::pair<std::int32_t, std::int32_t>(
+        std::minmax(c.vertices.front(), c.vertices.back()));
   };
   for (const auto& c : curves)
     if (!c.is_closed) ++count[ends(c)];
@@ -135,7 +137,8 @@ std::vector<Particle> divide(std::int32_t id,
   std::size_t segment = 0;
   for (int k = curve.is_closed ? 0 : 1; k < parts; ++k) {
     const double at = total * k / parts;
-    while (segment + 2 < chain.steps.size() && chain.steps[segment + 1] < at) ++segment;
+    while (segment + 2 < chain.steps.size() && chain.steps[segment + 1] < at)
+      ++segment;
     const double range = chain.steps[segment + 1] - chain.steps[segment];
     const double t = range > 0 ? std::clamp((at - chain.steps[segment]) / range, 0.0, 1.0) : 0.5;
     const Vec3 a = chain.dense[segment], b = chain.dense[segment + 1];
@@ -154,8 +157,8 @@ std::vector<Particle> divide(std::int32_t id,
              distance(p, on_edge) <= 0.45 * part_mm;
     };
     particle.position = mix(chain.smooth[segment], chain.smooth[segment + 1], t);
-    if (!project_onto_zero(domain.level_sets, equations.differences, equations.is_fixed,
-                           half_voxel, particle.position) ||
+    if (!project_onto_zero(domain.level_sets, equations.differences, equations.is_fixed, half_voxel,
+                           particle.position) ||
         !is_near(particle.position))
       particle.position = on_edge;
     particles.push_back(particle);
@@ -173,8 +176,10 @@ void separate(std::vector<Particle>& particles,
               const std::vector<Particle>& corners,
               const ParticleDomain& domain) {
   std::vector<Vec3> places;
-  for (const Particle& p : corners) places.push_back(p.position);
-  for (const Particle& p : particles) places.push_back(p.position);
+  for (const Particle& p : corners)
+    places.push_back(p.position);
+  for (const Particle& p : particles)
+    places.push_back(p.position);
   const NeighbourTree tree(places);
   const double reach = kLeastSpacingVox * domain.level_sets.frame().voxel_mm();
   std::vector<std::int32_t> found;
@@ -223,19 +228,21 @@ std::vector<Particle> place_corners(const ParticleDomain& domain) {
 std::vector<Particle> place_curves(const ParticleDomain& domain,
                                    const std::vector<Particle>& corners) {
   std::map<std::int32_t, Vec3> corner_at;
-  for (const Particle& c : corners) corner_at[c.carrier[0]] = c.position;
+  for (const Particle& c : corners)
+    corner_at[c.carrier[0]] = c.position;
   const auto& curves = domain.strata.curves;
   const std::vector<bool> has_twin = find_twins(curves);
   std::vector<std::vector<Particle>> on_curve(curves.size());
   parallel_for_each_index(
       0, curves.size(),
       [&](std::size_t c) {
-        on_curve[c] = divide(static_cast<std::int32_t>(c), curves[c], has_twin[c], domain,
-                             corner_at);
+        on_curve[c] =
+            divide(static_cast<std::int32_t>(c), curves[c], has_twin[c], domain, corner_at);
       },
       4);
   std::vector<Particle> particles;
-  for (const auto& part : on_curve) particles.insert(particles.end(), part.begin(), part.end());
+  for (const auto& part : on_curve)
+    particles.insert(particles.end(), part.begin(), part.end());
   separate(particles, corners, domain);
   return particles;
 }

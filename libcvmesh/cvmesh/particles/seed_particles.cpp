@@ -3,8 +3,8 @@
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/core/random.h"
 #include "cvmesh/particles/distribute_particles.h"
-#include "cvmesh/particles/place_curves.h"
 #include "cvmesh/particles/neighbour_tree.h"
+#include "cvmesh/particles/place_curves.h"
 #include "cvmesh/particles/sheets.h"
 
 #include <algorithm>
@@ -25,7 +25,7 @@ constexpr double kLeastCandidates = 256;       // of a sheet
 // and 2 / (sqrt 3 h^2) are wanted, which is reached at 0.78 h; wider discs first make it more even.
 constexpr double kFirstRadius = 0.86, kShrink = 0.92, kLastRadius = 0.4;
 constexpr double kSaturatedRadius = 0.776;
-constexpr double kCurveClearanceVox = 0.1;     // inner particles are not on the rim
+constexpr double kCurveClearanceVox = 0.1;  // inner particles are not on the rim
 
 // What one sheet is to get.
 struct SheetPlan {
@@ -50,7 +50,8 @@ std::vector<SheetPlan> plan_sheets(const Sheets& sheets,
     plan.wanted = rounded(sheet.lattice_count);
     if (!sheet.is_closed) {
       std::vector<std::int32_t> rim;
-      for (const RimParticle& r : rims[s]) rim.push_back(r.particle);
+      for (const RimParticle& r : rims[s])
+        rim.push_back(r.particle);
       by_rim[rim].push_back(s);
       continue;
     }
@@ -149,17 +150,18 @@ class SheetSampler {
         add_candidate(f, random_.uniform(f, 2 * c + 1), random_.uniform(f, 2 * c + 2));
     }
     positions_.reserve(candidates_.size());
-    for (const auto& c : candidates_) positions_.push_back(c.position);
+    for (const auto& c : candidates_)
+      positions_.push_back(c.position);
   }
 
   void add_candidate(std::int32_t f, double r1, double r2) {
     const auto& v = sheets_.domain().dense.facets[f];
     const auto& points = sheets_.domain().dense.points;
     const double root = std::sqrt(r1);  // uniform on the triangle
-    const Vec3 p = (1 - root) * points[v[0]] + root * (1 - r2) * points[v[1]] +
-                   root * r2 * points[v[2]];
+    const Vec3 p =
+        (1 - root) * points[v[0]] + root * (1 - r2) * points[v[1]] + root * r2 * points[v[2]];
     const SurfacePoint candidate = sheets_.describe(f, p);
-    if (candidate.curve_distance >= clearance_) candidates_.push_back(candidate);
+    if (candidate.curve_distance >= clearance_) candidates_.push_back(settled(candidate));
   }
 
   void throw_darts(double radius, std::size_t wanted) {
@@ -176,18 +178,21 @@ class SheetSampler {
             distance(p.position, positions_[c]) < 0.5 * radius * (h + size_at(candidates_[c])))
           is_covered[c] = 1;
     };
-    for (const auto& p : placed_) cover(p);
+    for (const auto& p : placed_)
+      cover(p);
     const CounterRandom order(random_.bits(sheet_.facets.front()), kStage);
     for (const auto c : order.permutation(candidates_.size())) {
       if (count() >= wanted) return;
       if (is_covered[c] != 0) continue;
-      placed_.push_back(settled(candidates_[c]));
+      placed_.push_back(candidates_[c]);
       cover(placed_.back());
       is_covered[c] = 1;
     }
   }
 
-  // The candidate on the zero set; on its facet where the projection comes too near to the rim.
+  // The candidate on the zero set; on its facet where the projection comes too near to the rim. All
+  // candidates are projected, not just those that are taken: where h is below a voxel, places far
+  // apart on the dense surface can have nearly the same projection.
   [[nodiscard]] SurfacePoint settled(const SurfacePoint& candidate) const {
     const SurfacePoint projected = sheets_.move(candidate.facet, candidate.position);
     return projected.curve_distance >= clearance_ ? projected : candidate;
@@ -199,8 +204,7 @@ class SheetSampler {
     for (const auto f : sheet_.facets) {
       const auto& v = sheets_.domain().dense.facets[f];
       const auto& points = sheets_.domain().dense.points;
-      choices.push_back(
-          sheets_.describe(f, (points[v[0]] + points[v[1]] + points[v[2]]) / 3));
+      choices.push_back(sheets_.describe(f, (points[v[0]] + points[v[1]] + points[v[2]]) / 3));
       for (const auto w : v)
         if (sheets_.domain().strata.dimension[w] == 2)
           choices.push_back(sheets_.describe(f, points[w]));
@@ -209,7 +213,8 @@ class SheetSampler {
     const SurfacePoint* chosen = nullptr;
     for (const auto& c : choices) {
       double nearest = std::min(c.curve_distance, std::numeric_limits<double>::max());
-      for (const auto& p : placed_) nearest = std::min(nearest, distance(p.position, c.position));
+      for (const auto& p : placed_)
+        nearest = std::min(nearest, distance(p.position, c.position));
       if (nearest > best) {
         best = nearest;
         chosen = &c;

@@ -13,9 +13,9 @@ namespace cvmesh {
 namespace {
 
 constexpr double kFarFromCurves = std::numeric_limits<double>::infinity();
-constexpr int kNewtonSteps = 8;             // converges in 2 to 4 from half a voxel
+constexpr int kNewtonSteps = 8;  // converges in 2 to 4 from half a voxel
 constexpr double kConvergedVox = 1e-4;
-constexpr double kMaxProjectionVox = 0.5;   // farther away may be another interface
+constexpr double kMaxProjectionVox = 0.5;  // farther away may be another interface
 
 Vec3 barycentric(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
   const Vec3 n = cross(b - a, c - a);
@@ -52,7 +52,8 @@ bool project_onto_zero(const LevelSets& level_sets,
     Vec3 step{}, direction[3];
     for (int r = 0; r < rows; ++r) {
       Vec3 d = gradient[r];
-      for (int q = 0; q < r; ++q) d -= dot(d, direction[q]) * direction[q];
+      for (int q = 0; q < r; ++q)
+        d -= dot(d, direction[q]) * direction[q];
       const double length = norm(d);
       if (!(length > 0.05 * norm(gradient[r]))) return false;  // parallel, or a flat field
       direction[r] = d / length;
@@ -181,7 +182,8 @@ void Sheets::lower_h() {
       lower_h_at_short_loops(domain_.dense, sheet.facets, domain_.sizing_field.delta, h_mm);
   }
   // A lowered h on a curve counts for all sheets around it.
-  for (Sheet& sheet : sheets) sheet.lattice_count = count_at_h(sheet);
+  for (Sheet& sheet : sheets)
+    sheet.lattice_count = count_at_h(sheet);
 }
 
 double Sheets::count_at_h(const Sheet& sheet) const {
@@ -269,8 +271,7 @@ void Sheets::describe_at(const OnFacet& at, SurfacePoint& point) const {
     if (across_[at.facet][k] < 0)
       point.curve_distance = std::min(
           point.curve_distance,
-          distance(at.point,
-                   nearest_on_segment(at.point, points[v[k]], points[v[(k + 1) % 3]])));
+          distance(at.point, nearest_on_segment(at.point, points[v[k]], points[v[(k + 1) % 3]])));
   }
   point.normal = normalized(normal);
 }
@@ -326,7 +327,8 @@ std::vector<Sheets::Touch> Sheets::touching(std::int32_t v, std::int32_t w) cons
     if (touch == touches.end()) touch = touches.insert(touch, Touch{sheet_of[f], {}});
     touch->normal += facet_area(f) * facet_normal_[f];
   }
-  for (Touch& t : touches) t.normal = normalized(t.normal);
+  for (Touch& t : touches)
+    t.normal = normalized(t.normal);
   std::sort(touches.begin(), touches.end(),
             [](const Touch& a, const Touch& b) { return a.sheet < b.sheet; });
   return touches;
@@ -344,8 +346,7 @@ std::vector<std::vector<RimParticle>> find_rims(const Sheets& sheets,
 }
 
 double natural_count(const Sheet& sheet, double lattice_count, std::size_t rim_size) {
-  return std::max(0.0, lattice_count - 0.5 * static_cast<double>(rim_size) +
-                           sheet.boundary_turns);
+  return std::max(0.0, lattice_count - 0.5 * static_cast<double>(rim_size) + sheet.boundary_turns);
 }
 
 }  // namespace cvmesh

@@ -16,20 +16,20 @@ struct Sheet {
   bool has_handles = false;          ///< neither a sphere nor a disc
   std::vector<std::int32_t> facets;  ///< of the dense mesh, ascending
   std::size_t vertex_count = 0;
-  double lattice_count = 0;          ///< (2 / sqrt 3) * integral of dA / h^2
-  double field_count = 0;            ///< the same before h was lowered at short loops
+  double lattice_count = 0;  ///< (2 / sqrt 3) * integral of dA / h^2
+  double field_count = 0;    ///< the same before h was lowered at short loops
   /// Total geodesic curvature of the boundary over 2 pi: 1 for a flat disc, 0 for a hemisphere.
   double boundary_turns = 0;
 };
 
 /// Where a point of the surface is, and what is known there.
 struct SurfacePoint {
-  Vec3 position;               ///< grid mm
-  Vec3 normal;                 ///< unit, of the dense surface, smoothed inside the sheet
+  Vec3 position;  ///< grid mm
+  Vec3 normal;    ///< unit, of the dense surface, smoothed inside the sheet
   double h_mm = 0;
-  std::int32_t facet = -1;     ///< the carrier
-  double curve_distance = 0;   ///< from the curve edges of the carrier; large when it has none
-  bool is_projected = false;   ///< on the zero set (or the wall plane), not just on the facet
+  std::int32_t facet = -1;    ///< the carrier
+  double curve_distance = 0;  ///< from the curve edges of the carrier; large when it has none
+  bool is_projected = false;  ///< on the zero set (or the wall plane), not just on the facet
 };
 
 /// The dense surface cut into sheets, with all that is needed to move points on it.
@@ -43,9 +43,9 @@ class Sheets {
  public:
   explicit Sheets(const ParticleDomain& domain);
 
-  std::vector<Sheet> sheets;               ///< ordered by their smallest facet
-  std::vector<double> h_mm;                ///< per dense vertex, with room on every short loop
-  std::vector<std::int32_t> sheet_of;      ///< per facet
+  std::vector<Sheet> sheets;           ///< ordered by their smallest facet
+  std::vector<double> h_mm;            ///< per dense vertex, with room on every short loop
+  std::vector<std::int32_t> sheet_of;  ///< per facet
 
   [[nodiscard]] const ParticleDomain& domain() const { return domain_; }
 
@@ -64,6 +64,7 @@ class Sheets {
     std::int32_t sheet = -1;
     Vec3 normal;
   };
+
   [[nodiscard]] std::vector<Touch> touching(std::int32_t v, std::int32_t w = -1) const;
 
   [[nodiscard]] double facet_area(std::int32_t f) const;
@@ -99,6 +100,7 @@ struct RimParticle {
   std::int32_t particle = -1;  ///< index into the corner and curve particles
   Vec3 normal;                 ///< of this sheet, there
 };
+
 /// Corner and curve particles around each sheet, in the order of the particles.
 std::vector<std::vector<RimParticle>> find_rims(const Sheets& sheets,
                                                 const std::vector<Particle>& corners_and_curves);

@@ -19,7 +19,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // Steps of h that a loop must have room for: three, a tenth for the detour that paths along edges
 // make, and some for the spread of the particles.
 constexpr double kStepsPerLoop = 3.8;
-constexpr double kRootSpacing = 1.0;   // over h
+constexpr double kRootSpacing = 0.5;  // over h
 constexpr int kTightenRounds = 3;
 constexpr int kRounds = 5;
 constexpr std::size_t kRootsPerTask = 256;
@@ -64,8 +64,7 @@ class SheetGraph {
     for (const auto& [a, b, f] : sides) {
       if (edges.empty() || edges.back().a != a || edges.back().b != b) {
         edges.push_back({a, b, {-1, -1}, 0, 0});
-        edges.back().length =
-            distance(dense.points[vertices[a]], dense.points[vertices[b]]);
+        edges.back().length = distance(dense.points[vertices[a]], dense.points[vertices[b]]);
       }
       Edge& edge = edges.back();
       edge.facet[edge.facet[0] < 0 ? 0 : 1] = f;
@@ -78,7 +77,8 @@ class SheetGraph {
       ++first[e.a + 1];
       ++first[e.b + 1];
     }
-    for (std::size_t v = 0; v < vertices.size(); ++v) first[v + 1] += first[v];
+    for (std::size_t v = 0; v < vertices.size(); ++v)
+      first[v + 1] += first[v];
     incident.resize(2 * edges.size());
     auto fill = first;
     for (std::size_t e = 0; e < edges.size(); ++e) {
@@ -160,7 +160,8 @@ class LocalPaths {
         parent_(graph.vertices.size(), -1) {}
 
   const std::vector<std::int32_t>& grow(std::int32_t root, double limit) {
-    for (const auto v : reached_) distance_[v] = kInfinity;
+    for (const auto v : reached_)
+      distance_[v] = kInfinity;
     reached_.clear();
     std::priority_queue<Item, std::vector<Item>, std::greater<>> queue;
     distance_[root] = 0;
@@ -218,7 +219,8 @@ class LocalPaths {
 
   [[nodiscard]] std::vector<std::int32_t> path_from(std::int32_t v) const {
     std::vector<std::int32_t> path{v};
-    while (parent_[v] >= 0) path.push_back(v = graph_.other_end(parent_[v], v));
+    while (parent_[v] >= 0)
+      path.push_back(v = graph_.other_end(parent_[v], v));
     return path;
   }
 
@@ -237,7 +239,8 @@ std::vector<std::int32_t> spread_roots(const SheetGraph& graph,
   for (std::size_t v = 0; v < graph.vertices.size(); ++v) {
     if (is_covered[v] || !is_open[v]) continue;
     roots.push_back(static_cast<std::int32_t>(v));
-    for (const auto w : paths.grow(roots.back(), kRootSpacing * h[v])) is_covered[w] = true;
+    for (const auto w : paths.grow(roots.back(), kRootSpacing * h[v]))
+      is_covered[w] = true;
   }
   return roots;
 }
@@ -263,7 +266,8 @@ Loop find_short_loop(LocalPaths& paths, std::int32_t root, const std::vector<dou
 void limit_growth(const SheetGraph& graph, double delta, std::vector<double>& h) {
   using Item = std::pair<double, std::int32_t>;
   std::priority_queue<Item, std::vector<Item>, std::greater<>> queue;
-  for (std::size_t v = 0; v < h.size(); ++v) queue.emplace(h[v], static_cast<std::int32_t>(v));
+  for (std::size_t v = 0; v < h.size(); ++v)
+    queue.emplace(h[v], static_cast<std::int32_t>(v));
   while (!queue.empty()) {
     const auto [value, v] = queue.top();
     queue.pop();
@@ -315,16 +319,23 @@ bool lower_h_at_short_loops(const InterfaceMesh& dense,
   SheetGraph graph(dense, facets);
   if (!graph.find_cocycle()) return false;
   std::vector<double> h;
-  for (const auto v : graph.vertices) h.push_back(h_mm[v]);
+  for (const auto v : graph.vertices)
+    h.push_back(h_mm[v]);
+  // Every loop that bounds nothing crosses an edge with a word, and these form a few cuts: roots
+  // along them see all such loops.
+  std::vector<bool> is_on_cut(h.size(), false);
+  for (const Edge& e : graph.edges)
+    if (e.word != 0) is_on_cut[e.a] = is_on_cut[e.b] = true;
   // Loops lie as far apart as their roots: between them h is still too large, but less so. Each
   // round looks closer where the last one found something.
-  std::vector<bool> is_open(h.size(), true);
+  std::vector<bool> is_open = is_on_cut;
   bool is_changed = false;
   for (int round = 0; round < kRounds; ++round) {
     std::vector<double> lowered = h;
     if (!lower_along_loops(graph, is_open, h, lowered)) break;
     limit_growth(graph, delta, lowered);
-    for (std::size_t v = 0; v < h.size(); ++v) is_open[v] = lowered[v] < h[v];
+    for (std::size_t v = 0; v < h.size(); ++v)
+      is_open[v] = is_on_cut[v] && lowered[v] < h[v];
     h = std::move(lowered);
     is_changed = true;
   }

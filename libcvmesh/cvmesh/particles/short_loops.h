@@ -16,8 +16,8 @@ namespace cvmesh {
 /// tree of edges and a tree of facets leave one edge per generator [Eppstein 2003]; random words
 /// on these, carried through the tree of facets, make a cocycle that tells such loops by an
 /// exclusive or along their edges. Shortest loops come from local shortest-path trees around roots
-/// a target edge apart, and are then tightened. Away from a lowered place h may grow with
-/// slope `delta` again.
+/// half a target edge apart along the cut where the words are, and are then tightened. Away from a
+/// lowered place h may grow with slope `delta` again.
 /// @param facets  of the sheet, edge-connected
 /// @return        true when h was changed
 bool lower_h_at_short_loops(const InterfaceMesh& dense,

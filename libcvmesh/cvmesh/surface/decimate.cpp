@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/surface/decimate.h"
 
-#include <algorithm>
-#include <array>
-#include <utility>
-
-#include <spdlog/spdlog.h>
-
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/random.h"
 #include "cvmesh/surface/embedding_guard.h"
 #include "cvmesh/surface/triangulate_ring.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <array>
+#include <utility>
 
 namespace cvmesh {
 namespace {
@@ -38,7 +38,8 @@ constexpr std::array<const char*, 5> kRefusalNames{"none", "topology", "fold", "
 class Decimator {
  public:
   Decimator(MaterialSurfaces& surfaces, double voxel_mm, const DecimateOptions& options)
-      : surfaces_(surfaces), guard_(surfaces, voxel_mm),
+      : surfaces_(surfaces),
+        guard_(surfaces, voxel_mm),
         objective_{options.deviation_vox * voxel_mm} {}
 
   Refusal try_remove(std::int32_t vertex, const RingLimits& limits) {
@@ -76,7 +77,8 @@ class Decimator {
       if (sheet.ring.size() > RingProblem::kMaxRing) return false;
       star_.insert(star_.end(), sheet.facets.begin(), sheet.facets.end());
       ring_.insert(ring_.end(), sheet.ring.begin(), sheet.ring.end());
-      for (const auto v : sheet.ring) box.add(surfaces_.points()[v]);
+      for (const auto v : sheet.ring)
+        box.add(surfaces_.points()[v]);
     }
     box.add(surfaces_.points()[vertex]);
     guard_.begin(box, star_);
@@ -96,7 +98,8 @@ class Decimator {
       problem.is_disk = sheet.is_disk;
       problem.forbidden_edges.assign(sheet.ring.size(), 0);
       if (!sheet.is_disk && sheet.facets.size() == 1) ++vanishing;
-      for (const auto v : sheet.ring) problem.ring.push_back(surfaces_.points()[v]);
+      for (const auto v : sheet.ring)
+        problem.ring.push_back(surfaces_.points()[v]);
       gather_samples(vertex, sheet, problem);
     }
     if (vanishing > 1) return false;
@@ -160,8 +163,8 @@ class Decimator {
       }
     }
     if (!is_on_curve) return true;
-    // The closing edge p-q is new, or it is the far edge of the one facet of a vanishing sheet, with
-    // that sheet's patch going on behind it.
+    // The closing edge p-q is new, or it is the far edge of the one facet of a vanishing sheet,
+    // with that sheet's patch going on behind it.
     if (!has_vanishing) return facets_at_closing_edge == 0;
     for (const Sheet& sheet : sheets_)
       if (sheet.facets.size() == 1)
@@ -171,7 +174,8 @@ class Decimator {
 
   // Normals of the facets across the sides of the rings, found among the nearby facets.
   bool mark_outer_normals() {
-    for (auto& problem : problems_) problem.outer_normals.assign(problem.ring.size(), Vec3{});
+    for (auto& problem : problems_)
+      problem.outer_normals.assign(problem.ring.size(), Vec3{});
     const auto& points = surfaces_.points();
     for (const auto f : guard_.nearby()) {
       const auto& facet = surfaces_.facets()[f];
@@ -184,9 +188,8 @@ class Decimator {
           if (j < 0) continue;
           const int i = place_in(sheets_[s], facet.vertices[(c + 1) % 3]);
           if (i >= 0 && j == (i + 1) % n)
-            problems_[s].outer_normals[i] = normalized(
-                area_vector2(points[facet.vertices[0]], points[facet.vertices[1]],
-                             points[facet.vertices[2]]));
+            problems_[s].outer_normals[i] = normalized(area_vector2(
+                points[facet.vertices[0]], points[facet.vertices[1]], points[facet.vertices[2]]));
         }
       }
     }
@@ -225,9 +228,11 @@ class Decimator {
   }
 
   void commit(std::int32_t vertex) {
-    for (const auto f : star_) guard_.remove(f);
+    for (const auto f : star_)
+      guard_.remove(f);
     surfaces_.remove_vertex(vertex, sheets_, triangulations_, created_);
-    for (const auto f : created_) guard_.insert(f);
+    for (const auto f : created_)
+      guard_.insert(f);
   }
 
   struct CreatedTriple {
@@ -251,7 +256,8 @@ class Decimator {
 // whole surface, so no front between dense and sparse parts advances (paper, §7.4), and what is
 // touched one after the other lies together in memory: 2.4 times as fast as a random permutation.
 std::vector<std::int32_t> random_queue(const MaterialSurfaces& surfaces,
-                                       const std::vector<bool>& keep, std::uint64_t seed) {
+                                       const std::vector<bool>& keep,
+                                       std::uint64_t seed) {
   constexpr double kRounds = 32;
   const CounterRandom random(seed, "decimation");
   std::vector<std::pair<int, std::int32_t>> order;
@@ -263,14 +269,18 @@ std::vector<std::int32_t> random_queue(const MaterialSurfaces& surfaces,
   std::sort(order.begin(), order.end());
   std::vector<std::int32_t> queue;
   queue.reserve(order.size());
-  for (const auto& [round, v] : order) queue.push_back(v);
+  for (const auto& [round, v] : order)
+    queue.push_back(v);
   return queue;
 }
 
 }  // namespace
 
-DecimateResult decimate(MaterialSurfaces surfaces, const std::vector<bool>& keep, double voxel_mm,
-                        const DecimateOptions& options, const StageContext& context) {
+DecimateResult decimate(MaterialSurfaces surfaces,
+                        const std::vector<bool>& keep,
+                        double voxel_mm,
+                        const DecimateOptions& options,
+                        const StageContext& context) {
   DecimateResult result;
   std::vector<std::int32_t> queue = random_queue(surfaces, keep, context.seed);
   const std::size_t total = queue.size();

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/context.h"
+#include "cvmesh/mesh/material_surfaces.h"
+
 #include <cstdint>
 #include <map>
 #include <string>
 #include <vector>
-
-#include "cvmesh/core/context.h"
-#include "cvmesh/mesh/material_surfaces.h"
 
 namespace cvmesh {
 
@@ -25,15 +25,15 @@ struct DecimateOptions {
 /// A vertex that had to stay.
 struct KeptVertex {
   std::int32_t vertex = -1;
-  Vec3 position;         ///< grid mm
-  std::string reason;    ///< "intersection", "fold", "topology", "jump"
+  Vec3 position;       ///< grid mm
+  std::string reason;  ///< "intersection", "fold", "topology", "jump"
 };
 
 struct DecimateStats {
   std::size_t removed = 0, deferrals = 0;
   int passes = 0;
   std::vector<KeptVertex> kept;
-  std::map<std::string, std::size_t> refusals;   ///< reason -> count, over all attempts
+  std::map<std::string, std::size_t> refusals;  ///< reason -> count, over all attempts
 };
 
 struct DecimateResult {
@@ -45,7 +45,10 @@ struct DecimateResult {
 /// (paper, §7.4); each hole is closed at once by the triangulation with the least objective.
 /// @param keep  one entry per vertex of `surfaces`: true for particles
 /// @throws Error StageFailed ("degenerate vertex distribution") for `OnDegenerate::Fail`
-DecimateResult decimate(MaterialSurfaces surfaces, const std::vector<bool>& keep, double voxel_mm,
-                        const DecimateOptions& options, const StageContext& context);
+DecimateResult decimate(MaterialSurfaces surfaces,
+                        const std::vector<bool>& keep,
+                        double voxel_mm,
+                        const DecimateOptions& options,
+                        const StageContext& context);
 
 }  // namespace cvmesh

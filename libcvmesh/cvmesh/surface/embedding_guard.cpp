@@ -27,7 +27,8 @@ void EmbeddingGuard::begin(const Box3& box, std::span<const std::int32_t> replac
   facet_stamp_.resize(surfaces_.facets().size(), 0);
   vertex_stamp_.resize(surfaces_.points().size(), 0);
   ++stamp_;
-  for (const auto f : replaced) facet_stamp_[f] = stamp_;
+  for (const auto f : replaced)
+    facet_stamp_[f] = stamp_;
   nearby_.clear();
   nearby_box_.clear();
   nearby_vertices_.clear();
@@ -39,7 +40,8 @@ void EmbeddingGuard::begin(const Box3& box, std::span<const std::int32_t> replac
 }
 
 void EmbeddingGuard::mark_ring(std::span<const std::int32_t> vertices) {
-  for (const auto v : vertices) vertex_stamp_[v] = stamp_;
+  for (const auto v : vertices)
+    vertex_stamp_[v] = stamp_;
   for (const auto f : nearby_)
     for (const auto v : surfaces_.facets()[f].vertices)
       if (vertex_stamp_[v] != stamp_) {

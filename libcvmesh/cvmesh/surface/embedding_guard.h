@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <cstdint>
-#include <span>
-#include <vector>
-
 #include "cvmesh/mesh/facet_index.h"
 #include "cvmesh/mesh/facet_predicates.h"
 #include "cvmesh/mesh/material_surfaces.h"
+
+#include <cstdint>
+#include <span>
+#include <vector>
 
 namespace cvmesh {
 
@@ -38,6 +38,7 @@ class EmbeddingGuard {
   void mark_ring(std::span<const std::int32_t> vertices);
 
   void remove(std::int32_t facet) { index_.remove(facet); }
+
   void insert(std::int32_t facet);
 
  private:

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/surface/flip_edges.h"
 
+#include "cvmesh/surface/embedding_guard.h"
+#include "cvmesh/surface/surface_objective.h"
+
 #include <algorithm>
 #include <array>
 #include <utility>
-
-#include "cvmesh/surface/embedding_guard.h"
-#include "cvmesh/surface/surface_objective.h"
 
 namespace cvmesh {
 namespace {
@@ -82,9 +82,11 @@ class Flipper {
     return unit_normal(surfaces_.facets()[left == facet ? right : left].vertices);
   }
 
-  // Objective of a pair of facets: facet 0 has the outer sides side[0], side[1], facet 1 the others.
+  // Objective of a pair of facets: facet 0 has the outer sides side[0], side[1], facet 1 the
+  // others.
   [[nodiscard]] double cost(const std::array<VertexTriple, 2>& pair,
-                            const std::array<double, 2>& farthest, const std::array<int, 4>& side,
+                            const std::array<double, 2>& farthest,
+                            const std::array<int, 4>& side,
                             const std::array<Vec3, 4>& outer) const {
     const auto& p = surfaces_.points();
     std::array<Vec3, 2> normal;
@@ -101,8 +103,13 @@ class Flipper {
     return sum + SurfaceObjective::fold_term(normal[0], normal[1]);
   }
 
-  bool is_allowed(std::int32_t a, std::int32_t b, std::int32_t c, std::int32_t d,
-                  std::int32_t first, std::int32_t second, const std::array<VertexTriple, 2>& after,
+  bool is_allowed(std::int32_t a,
+                  std::int32_t b,
+                  std::int32_t c,
+                  std::int32_t d,
+                  std::int32_t first,
+                  std::int32_t second,
+                  const std::array<VertexTriple, 2>& after,
                   const std::array<Vec3, 4>& outer) {
     const auto& p = surfaces_.points();
     for (const auto& t : after)
@@ -113,7 +120,8 @@ class Flipper {
     for (const auto& [f, s] : sides)
       if (outer[s] != Vec3{} && dot(normal[f], outer[s]) < kMinFoldCosine) return false;
     Box3 box;
-    for (const auto v : {a, b, c, d}) box.add(p[v]);
+    for (const auto v : {a, b, c, d})
+      box.add(p[v]);
     const std::array<std::int32_t, 2> replaced{first, second};
     const std::array<std::int32_t, 4> ring{a, b, c, d};
     guard_.begin(box, replaced);
@@ -152,8 +160,10 @@ std::vector<Edge> list_edges(const MaterialSurfaces& surfaces) {
 
 }  // namespace
 
-FlipEdgesResult flip_edges(MaterialSurfaces surfaces, double voxel_mm,
-                           const FlipEdgesOptions& options, const StageContext& context) {
+FlipEdgesResult flip_edges(MaterialSurfaces surfaces,
+                           double voxel_mm,
+                           const FlipEdgesOptions& options,
+                           const StageContext& context) {
   FlipEdgesResult result;
   {
     Flipper flipper(surfaces, voxel_mm, options.deviation_vox * voxel_mm);

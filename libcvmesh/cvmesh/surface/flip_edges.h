@@ -22,7 +22,9 @@ struct FlipEdgesResult {
 };
 
 /// Flips interface edges in lock-step while that lowers the objective of the decimation.
-FlipEdgesResult flip_edges(MaterialSurfaces surfaces, double voxel_mm,
-                           const FlipEdgesOptions& options, const StageContext& context);
+FlipEdgesResult flip_edges(MaterialSurfaces surfaces,
+                           double voxel_mm,
+                           const FlipEdgesOptions& options,
+                           const StageContext& context);
 
 }  // namespace cvmesh

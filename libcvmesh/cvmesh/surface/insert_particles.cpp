@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/surface/insert_particles.h"
 
+#include "cvmesh/core/error.h"
+#include "cvmesh/surface/embedding_guard.h"
+
 #include <algorithm>
 #include <array>
 #include <limits>
 #include <map>
 #include <string>
 #include <utility>
-
-#include "cvmesh/core/error.h"
-#include "cvmesh/surface/embedding_guard.h"
 
 namespace cvmesh {
 namespace {
@@ -24,19 +24,25 @@ constexpr double kSnapShare = 0.5;
 class Inserter {
  public:
   Inserter(MaterialSurfaces& surfaces, const Strata& strata, double voxel_mm)
-      : surfaces_(surfaces), strata_(strata), guard_(surfaces, voxel_mm),
+      : surfaces_(surfaces),
+        strata_(strata),
+        guard_(surfaces, voxel_mm),
         is_taken_(surfaces.points().size(), false) {}
 
   std::int32_t insert(const Particle& particle, InsertParticlesStats& stats) {
     switch (particle.dimension) {
-      case 0: return take(particle.carrier[0], particle.position, stats);
-      case 1: return insert_on_curve(particle, stats);
-      default: return insert_on_patch(particle, stats);
+      case 0:
+        return take_corner(particle.carrier[0], particle.position, stats);
+      case 1:
+        return insert_on_curve(particle, stats);
+      default:
+        return insert_on_patch(particle, stats);
     }
   }
 
  private:
-  std::int32_t take(std::int32_t vertex, const Vec3& position, InsertParticlesStats& stats) {
+  // A corner has no other vertex to be: it stays where it is when it cannot move.
+  std::int32_t take_corner(std::int32_t vertex, const Vec3& position, InsertParticlesStats& stats) {
     is_taken_.resize(surfaces_.points().size(), false);
     require(!is_taken_[vertex], ErrorCode::StageFailed, "insertion",
             "two particles ask for dense vertex " + std::to_string(vertex));
@@ -44,6 +50,15 @@ class Inserter {
     ++stats.snapped;
     if (!try_move(vertex, position)) ++stats.off_position;
     return vertex;
+  }
+
+  // Snaps a free dense vertex to a particle where it can move there.
+  bool try_take(std::int32_t vertex, const Vec3& position, InsertParticlesStats& stats) {
+    if (!try_move(vertex, position)) return false;
+    is_taken_.resize(surfaces_.points().size(), false);
+    is_taken_[vertex] = true;
+    ++stats.snapped;
+    return true;
   }
 
   std::int32_t take_new(std::int32_t vertex, const Vec3& position, InsertParticlesStats& stats) {
@@ -75,7 +90,8 @@ class Inserter {
     guard_.begin(box, star_);
     guard_.mark_ring(ring_);
     if (!keeps_shape(vertex, position)) return false;
-    for (const auto f : star_) guard_.remove(f);
+    for (const auto f : star_)
+      guard_.remove(f);
     surfaces_.move_vertex(vertex, position);
     bool is_good = true;
     for (std::size_t a = 0; a < star_.size() && is_good; ++a) {
@@ -85,7 +101,8 @@ class Inserter {
         is_good = !facets_intersect(points, t, surfaces_.facets()[star_[b]].vertices);
     }
     if (!is_good) surfaces_.move_vertex(vertex, old);
-    for (const auto f : star_) guard_.insert(f);
+    for (const auto f : star_)
+      guard_.insert(f);
     return is_good;
   }
 
@@ -103,8 +120,7 @@ class Inserter {
       if (dot(n0, n1) < kMinTurnCosine) return false;
       // poor facets (a clamped cut point) may stay as poor as they are
       const double quality = triangle_quality(after[0], after[1], after[2]);
-      if (quality < kMinMovedQuality &&
-          quality < triangle_quality(before[0], before[1], before[2]))
+      if (quality < kMinMovedQuality && quality < triangle_quality(before[0], before[1], before[2]))
         return false;
     }
     return true;
@@ -117,8 +133,9 @@ class Inserter {
     const bool a_is_nearer =
         distance(points[a], particle.position) <= distance(points[b], particle.position);
     for (const auto v : {a_is_nearer ? a : b, a_is_nearer ? b : a})
-      if (is_free(v, 1) && distance(points[v], particle.position) <= reach)
-        return take(v, particle.position, stats);
+      if (is_free(v, 1) && distance(points[v], particle.position) <= reach &&
+          try_take(v, particle.position, stats))
+        return v;
     // the piece of the (possibly already split) dense edge that is nearest
     auto& chain = chains_[std::minmax(a, b)];
     if (chain.empty()) chain = {std::min(a, b), std::max(a, b)};
@@ -150,14 +167,16 @@ class Inserter {
       if (std::find(around_b.begin(), around_b.end(), f) != around_b.end()) guard_.remove(f);
     const std::int32_t v = surfaces_.split_edge(a, b, points[a] + t * d);
     surfaces_.collect_star(v, star_);
-    for (const auto f : star_) guard_.insert(f);
+    for (const auto f : star_)
+      guard_.insert(f);
     return v;
   }
 
   std::int32_t insert_on_patch(const Particle& particle, InsertParticlesStats& stats) {
     const auto carrier = surfaces_.facets()[particle.carrier[0]];
-    if (const auto v = free_vertex_near(carrier, particle.position); v >= 0)
-      return take(v, particle.position, stats);
+    if (const auto v = free_vertex_near(carrier, particle.position);
+        v >= 0 && try_take(v, particle.position, stats))
+      return v;
     const std::int32_t f = nearest_facet(carrier, particle.position);
     const auto corners = surfaces_.facets()[f].vertices;
     const auto& points = surfaces_.points();
@@ -165,7 +184,8 @@ class Inserter {
                                         points[corners[2]]);
     // near a side the side is split: no thin facet
     constexpr double kSideShare = 0.1;
-    const double area = norm(area_vector2(points[corners[0]], points[corners[1]], points[corners[2]]));
+    const double area =
+        norm(area_vector2(points[corners[0]], points[corners[1]], points[corners[2]]));
     for (int c = 0; c < 3; ++c) {
       const auto a = corners[c], b = corners[(c + 1) % 3];
       std::int32_t first = -1, second = -1;
@@ -180,7 +200,8 @@ class Inserter {
     const Vec3 center = (points[corners[0]] + points[corners[1]] + points[corners[2]]) / 3;
     const std::int32_t v = surfaces_.split_facet(f, on + 0.15 * (center - on));
     surfaces_.collect_star(v, star_);
-    for (const auto g : star_) guard_.insert(g);
+    for (const auto g : star_)
+      guard_.insert(g);
     ++stats.facet_splits;
     return take_new(v, particle.position, stats);
   }
@@ -191,8 +212,8 @@ class Inserter {
     const auto& points = surfaces_.points();
     double longest = 0;
     for (int c = 0; c < 3; ++c)
-      longest = std::max(longest, distance(points[carrier.vertices[c]],
-                                           points[carrier.vertices[(c + 1) % 3]]));
+      longest = std::max(
+          longest, distance(points[carrier.vertices[c]], points[carrier.vertices[(c + 1) % 3]]));
     std::int32_t best = -1;
     double least = kSnapShare * longest;
     for (const auto v : carrier.vertices)
@@ -218,10 +239,10 @@ class Inserter {
           const auto& facet = surfaces_.facets()[f];
           if (facet.patch != carrier.patch) continue;
           next.insert(next.end(), facet.vertices.begin(), facet.vertices.end());
-          const double d = distance(
-              nearest_on_triangle(position, points[facet.vertices[0]], points[facet.vertices[1]],
-                                  points[facet.vertices[2]]),
-              position);
+          const double d =
+              distance(nearest_on_triangle(position, points[facet.vertices[0]],
+                                           points[facet.vertices[1]], points[facet.vertices[2]]),
+                       position);
           if (d < least || (d == least && f < best)) {
             least = d;
             best = f;
@@ -245,8 +266,10 @@ class Inserter {
 
 }  // namespace
 
-InsertParticlesResult insert_particles(MaterialSurfaces surfaces, const Strata& strata,
-                                       const ParticleSet& particles, double voxel_mm,
+InsertParticlesResult insert_particles(MaterialSurfaces surfaces,
+                                       const Strata& strata,
+                                       const ParticleSet& particles,
+                                       double voxel_mm,
                                        const StageContext& context) {
   InsertParticlesResult result;
   Inserter inserter(surfaces, strata, voxel_mm);

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include <algorithm>
-
 #include "cvmesh/core/vec3.h"
 #include "cvmesh/mesh/material_surfaces.h"
+
+#include <algorithm>
 
 namespace cvmesh {
 
@@ -29,22 +29,27 @@ struct SurfaceObjective {
   double deviation_mm = 0.25;
 
   /// tau of a facet with edges about `edge_mm` long: the deviation allowed, or where it is larger
-  /// the sagitta h^2 / (8 rho) of a surface with a radius of curvature rho of four edges, which no
-  /// choice of diagonals can avoid. A function of the facet alone, so that the sum is one objective.
+  /// the sagitta h^2 / (8 rho) of a surface with a radius of curvature rho of one and a half edges,
+  /// which no choice of diagonals can avoid. A function of the facet alone: the sum is one
+  /// objective.
   [[nodiscard]] double tolerance_mm(double edge_mm) const {
-    constexpr double kRadiusOverEdge = 4;
+    constexpr double kRadiusOverEdge = 1.5;
     return std::max(deviation_mm, edge_mm / (8 * kRadiusOverEdge));
   }
 
-  [[nodiscard]] double facet_term(const Vec3& a, const Vec3& b, const Vec3& c,
+  [[nodiscard]] double facet_term(const Vec3& a,
+                                  const Vec3& b,
+                                  const Vec3& c,
                                   double distance_mm) const {
     const double edge_mm = (distance(a, b) + distance(b, c) + distance(c, a)) / 3;
     const double excess = std::max(0.0, distance_mm / tolerance_mm(edge_mm) - 1);
     return excess * excess + shape_term(triangle_quality(a, b, c));
   }
+
   [[nodiscard]] static double shape_term(double quality) {
     return kShapeWeight * (1 / std::max(quality, kLeastQuality) - 1);
   }
+
   /// Of two unit normals.
   [[nodiscard]] static double fold_term(const Vec3& n1, const Vec3& n2) {
     const double excess = std::max(0.0, kFoldCosine - dot(n1, n2));

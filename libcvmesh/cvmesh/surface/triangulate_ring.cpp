@@ -22,21 +22,27 @@ double cross2(const Flat& a, const Flat& b, const Flat& c) {
 // corner of the triangle at the base.
 class RingSolver {
  public:
-  RingSolver(const RingProblem& problem, const RingLimits& limits,
+  RingSolver(const RingProblem& problem,
+             const RingLimits& limits,
              const SurfaceObjective& objective)
-      : problem_(problem), limits_(limits), objective_(objective),
+      : problem_(problem),
+        limits_(limits),
+        objective_(objective),
         n_(static_cast<int>(problem.ring.size())),
         entries_(static_cast<std::size_t>(n_) * n_) {
     const Vec3 axis = std::abs(problem.normal.x) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0};
     u_ = normalized(cross(problem.normal, axis));
     v_ = cross(problem.normal, u_);
-    for (const auto& p : problem.ring) flat_ring_.push_back(flatten(p));
-    for (const auto& p : problem.samples) flat_samples_.push_back(flatten(p));
+    for (const auto& p : problem.ring)
+      flat_ring_.push_back(flatten(p));
+    for (const auto& p : problem.samples)
+      flat_samples_.push_back(flatten(p));
   }
 
   std::optional<MaterialSurfaces::Triangulation> solve() {
     for (int span = 1; span < n_; ++span)
-      for (int i = 0; i + span < n_; ++i) solve_span(i, i + span);
+      for (int i = 0; i + span < n_; ++i)
+        solve_span(i, i + span);
     if (at(0, n_ - 1).cost == kImpossible) return std::nullopt;
     MaterialSurfaces::Triangulation triangles;
     collect(0, n_ - 1, triangles);
@@ -51,6 +57,7 @@ class RingSolver {
   };
 
   [[nodiscard]] Flat flatten(const Vec3& p) const { return {dot(p, u_), dot(p, v_)}; }
+
   Entry& at(int i, int j) { return entries_[static_cast<std::size_t>(i) * n_ + j]; }
 
   void solve_span(int i, int j) {
@@ -106,8 +113,8 @@ class RingSolver {
   void collect(int i, int j, MaterialSurfaces::Triangulation& triangles) {
     if (j == i + 1) return;
     const int k = at(i, j).apex;
-    triangles.push_back({static_cast<std::uint8_t>(i), static_cast<std::uint8_t>(k),
-                         static_cast<std::uint8_t>(j)});
+    triangles.push_back(
+        {static_cast<std::uint8_t>(i), static_cast<std::uint8_t>(k), static_cast<std::uint8_t>(j)});
     collect(i, k, triangles);
     collect(k, j, triangles);
   }
