@@ -319,6 +319,17 @@ TEST_CASE("distribute_particles: the paper's dense seeds reach the same layout",
   CHECK(thinned.stats.edge_over_h_sd < 0.13);
 }
 
+TEST_CASE("distribute_particles: dense seeds are thinned by as much as h asks at each place",
+          "[particles][unit]") {
+  // h from 1.6 to 8.4: a factor of 27 in density.
+  const auto domain = ball(20, 40, [](const Vec3& p) { return 1.0 + 0.16 * p.z; });
+  const auto thinned = distribute(domain, Seeding::Dense), poisson = distribute(domain);
+  CHECK(double(thinned.particles.particles.size()) ==
+        Approx(double(poisson.particles.particles.size())).epsilon(0.03));
+  CHECK(thinned.stats.edge_over_h_mean == Approx(1.0).margin(0.05));
+  CHECK(thinned.stats.edge_over_h_sd < poisson.stats.edge_over_h_sd + 0.02);
+}
+
 TEST_CASE("distribute_particles: too many or too few particles are brought to the right count",
           "[particles][unit]") {
   const auto domain = ball(20, 40, constant(3));

@@ -36,6 +36,8 @@ constexpr double kCoincident = 0.3;      // distance over h; relaxed neighbours 
 constexpr std::size_t kExchangePart = 40;  // one in so many is moved to a hole at a time
 constexpr std::size_t kLeastExchange = 8;  // particles on a sheet where that makes sense
 constexpr double kFullSightCosine = 0.25, kOpposedSight = 0.15;
+constexpr double kCrowded = 1.75;    // energy over the ideal: delete [Meyer 2007]
+constexpr double kFirstRing = 1.5;   // over the nearest distance
 constexpr double kThinAbove = 1.25;  // seeds over the count that is wanted
 constexpr std::size_t kThinNeighbours = 24;
 constexpr double kConverged = 1e-3;  // relative change of a sheet's energy
@@ -301,9 +303,14 @@ struct Crowd {
   }
 };
 
-// Deletes up to `most` particles, the most crowded first, and never two within `touching` times h
-// in one round: the energy of those beside a deleted one is out of date.
-std::size_t delete_crowded(Cloud& c, std::size_t most, double touching) {
+// Deletes up to `most` particles of at least `least_energy`, the most crowded first, and never two
+// within the `touching(i)` of the first one in one round: the energy of those beside a deleted one
+// is out of date.
+template <typename Touching>
+std::size_t delete_crowded(Cloud& c,
+                           std::size_t most,
+                           double least_energy,
+                           const Touching& touching) {
   if (most == 0) return 0;
   std::vector<Crowd> crowds(c.free_count());
   parallel_for_each_index(0, crowds.size(), [&](std::size_t k) {
@@ -313,14 +320,15 @@ std::size_t delete_crowded(Cloud& c, std::size_t most, double touching) {
   std::vector<bool> is_deleted(c.size(), false), is_kept(c.size(), false);
   std::size_t count = 0;
   for (const Crowd& crowd : crowds) {
-    if (count == most) break;
+    if (count == most || crowd.energy < least_energy) break;
     const auto i = static_cast<std::size_t>(crowd.particle);
     if (is_kept[i]) continue;
     is_deleted[i] = true;
     ++count;
+    const double reach = touching(i);
     for (auto k = c.first[i]; k < c.first[i + 1]; ++k) {
       const auto j = c.neighbour[k];
-      if (distance(c.position[i], c.position[j]) < touching * mean_h(c, i, j)) is_kept[j] = true;
+      if (distance(c.position[i], c.position[j]) < reach) is_kept[j] = true;
     }
   }
   c.erase(is_deleted);
@@ -417,7 +425,7 @@ Changes control_population(Cloud& c, const Sheets& sheets) {
     changes.split = split_sparse(c, sheets, kHole, 1 + before / kExchangePart);
   if (changes.split > 0) rebuild(c);
   const std::size_t excess = c.free_count() > c.wanted ? c.free_count() - c.wanted : 0;
-  changes.deleted += delete_crowded(c, excess, 1.0);
+  changes.deleted += delete_crowded(c, excess, 0, [&](std::size_t i) { return c.h[i]; });
   if (c.free_count() < c.wanted) {
     rebuild(c);
     changes.split += split_sparse(c, sheets, kLeastHole, c.wanted - c.free_count());
@@ -425,18 +433,28 @@ Changes control_population(Cloud& c, const Sheets& sheets) {
   return changes;
 }
 
-// Dense seeds: rounds of deleting and moving until the count is near. A round takes at most a
-// quarter, so that what is left stays even.
+// Distance to the nearest particle that can be seen.
+double nearest_distance(const Cloud& c, std::size_t i) {
+  double nearest = std::numeric_limits<double>::infinity();
+  for (auto k = c.first[i]; k < c.first[i + 1]; ++k) {
+    const auto j = c.neighbour[k];
+    if (dot(c.normal[i], c.normal[j]) > 0)
+      nearest = std::min(nearest, distance(c.position[i], c.position[j]));
+  }
+  return nearest;
+}
+
+// Dense seeds: rounds of deleting and moving until no particle is crowded any more. In a round the
+// first ring around a deleted particle stays, at the spacing that it has now, so that what is left
+// is even. How many rounds a place needs depends on its own h; elsewhere nothing is deleted.
 Changes thin(Cloud& c, const Sheets& sheets, int& rounds) {
   Changes changes;
   rounds = 0;
   while (static_cast<double>(c.free_count()) > kThinAbove * static_cast<double>(c.wanted)) {
     rebuild(c, true);
-    const std::size_t most = std::min(c.free_count() - c.wanted, 1 + c.free_count() / 4);
-    // Neighbours of a deleted one stay this round: about its first ring, at the present density.
-    const double spacing = std::sqrt(static_cast<double>(std::max<std::size_t>(c.wanted, 1)) /
-                                     static_cast<double>(c.free_count()));
-    const std::size_t deleted = delete_crowded(c, most, 1.2 * spacing);
+    const std::size_t deleted =
+        delete_crowded(c, c.free_count() - c.wanted, kCrowded * energy::kIdeal,
+                       [&](std::size_t i) { return kFirstRing * nearest_distance(c, i); });
     if (deleted == 0) break;
     changes.deleted += deleted;
     ++rounds;
