@@ -31,7 +31,8 @@ ParticleSet particles_on(const DensePhantom& dense, double share) {
     for (std::size_t n = 0; n + 1 < chain.size(); ++n) {
       const std::int32_t a = chain[n], b = chain[n + 1];
       if (random.uniform(n, c) > share) continue;
-      Particle p{.h_mm = 1, .dimension = 1, .stratum = static_cast<std::int32_t>(c)};
+      Particle p{
+          .position = {}, .h_mm = 1, .dimension = 1, .stratum = static_cast<std::int32_t>(c)};
       p.position = points[a] + random.uniform(n, c + 1000) * (points[b] - points[a]);
       p.carrier[0] = a;
       p.carrier[1] = b;
@@ -46,7 +47,7 @@ ParticleSet particles_on(const DensePhantom& dense, double share) {
       u = 1 - u;
       w = 1 - w;
     }
-    Particle p{.h_mm = 1, .dimension = 2, .stratum = dense.strata.patch_of[f]};
+    Particle p{.position = {}, .h_mm = 1, .dimension = 2, .stratum = dense.strata.patch_of[f]};
     p.position =
         points[v[0]] + u * (points[v[1]] - points[v[0]]) + w * (points[v[2]] - points[v[0]]);
     p.carrier[0] = static_cast<std::int32_t>(f);
