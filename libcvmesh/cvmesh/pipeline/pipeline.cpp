@@ -16,6 +16,7 @@
 #include "cvmesh/pipeline/stage_runner.h"
 #include "cvmesh/pipeline/write_stages.h"
 #include "cvmesh/report/report_json.h"
+#include "cvmesh/tet/tetgen_backend.h"
 
 #include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
@@ -501,6 +502,7 @@ RunResult run_pipeline(const RunRequest& request, const StageContext& given) {
   std::error_code ignored;
   require(std::filesystem::exists(request.input, ignored), ErrorCode::BadInput, stage_names::kRead,
           "'" + request.input.string() + "' does not exist; check the path");
+  if (!request.surface_only) find_tetgen_helper();  // a missing helper ends the run here, not late
 
   OutputFolder outputs(request.out_dir, input_stem(request.input));
   Report report;

@@ -16,7 +16,7 @@ namespace {
 
 // A moved vertex may not turn a facet by more than this, nor flatten it below this quality.
 constexpr double kMinTurnCosine = 0.3;
-constexpr double kMinMovedQuality = 0.02;
+constexpr double kMinMovedQuality = 0.002;
 // A particle takes over a free dense vertex within this part of the facet's or edge's size;
 // otherwise it gets a vertex of its own.
 constexpr double kSnapShare = 0.5;
