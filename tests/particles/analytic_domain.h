@@ -3,6 +3,7 @@
 
 #include "cvmesh/particles/distribute_particles.h"
 
+#include "support/analytic_level_sets.h"
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -29,36 +30,18 @@ struct AnalyticDomain {
 /// Level sets that store every block, one per function; labels by the largest value.
 inline LevelSets make_level_sets(const GridFrame& frame,
                                  const std::vector<std::function<double(const Vec3&)>>& phi_mm) {
+  const auto value = [&](MaterialId m, int i, int j, int k) {
+    const Vec3 p = frame.index_to_mm({double(i), double(j), double(k)});
+    return std::clamp(phi_mm[m](p) / (1.5 * frame.voxel_mm()), -1.0, 1.0);
+  };
   auto labels = std::make_shared<Grid<MaterialId>>(frame);
-  LevelSets level_sets;
-  level_sets.fields.resize(phi_mm.size());
-  for (SparseLevelSet& field : level_sets.fields) {
-    int count = 1;
-    for (int axis = 0; axis < 3; ++axis) {
-      field.blocks[axis] = (frame.dims[axis] + SparseLevelSet::kBlock - 1) / SparseLevelSet::kBlock;
-      count *= field.blocks[axis];
-    }
-    for (int b = 0; b < count; ++b)
-      field.block_at.push_back(b);
-    field.values.assign(static_cast<std::size_t>(count) * SparseLevelSet::kBlockNodes, -1);
-  }
   for (int k = 0; k < frame.dims[2]; ++k)
     for (int j = 0; j < frame.dims[1]; ++j)
-      for (int i = 0; i < frame.dims[0]; ++i) {
-        const Vec3 p = frame.index_to_mm({double(i), double(j), double(k)});
-        double best = -2;
-        for (std::size_t m = 0; m < phi_mm.size(); ++m) {
-          const double value = std::clamp(phi_mm[m](p) / (1.5 * frame.voxel_mm()), -1.0, 1.0);
-          SparseLevelSet& field = level_sets.fields[m];
-          field.values[static_cast<std::size_t>(field.block_of(i, j, k)) *
-                           SparseLevelSet::kBlockNodes +
-                       SparseLevelSet::offset_in_block(i, j, k)] = static_cast<float>(value);
-          if (value > best) (*labels)(i, j, k) = static_cast<MaterialId>(m);
-          best = std::max(best, value);
-        }
-      }
-  level_sets.labels = std::move(labels);
-  return level_sets;
+      for (int i = 0; i < frame.dims[0]; ++i)
+        for (MaterialId m = 1; m < phi_mm.size(); ++m)
+          if (MaterialId& best = (*labels)(i, j, k); value(m, i, j, k) > value(best, i, j, k))
+            best = m;
+  return test_support::store_everywhere(std::move(labels), phi_mm.size(), value);
 }
 
 inline GridFrame cubic_frame(int n) {

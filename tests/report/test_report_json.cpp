@@ -28,7 +28,10 @@ Report small_report() {
                    {.label = 9, .name = "bone", .voxels_in = 7, .voxels_kept = 7}},
       .islands_removed = 1,
       .island_voxels = 2};
-  report.stages.tightening = TightenStats{.iterations = 3};
+  report.stages.tightening =
+      TightenStats{.iterations = 3,
+                   .nodes_guarded = 2,
+                   .guarded = {{.material = 1, .nodes = 2, .position = {1, 2, 3}}}};
   report.volumes = {{}, {.voxels_mm3 = 42, .mesh_mm3 = 40, .relative_error = -2.0 / 42}};
   report.timings = {{"read", 0.5, 100}};
   report.total_seconds = 0.75;
@@ -84,7 +87,11 @@ TEST_CASE("failure_json: names stage, code and message and keeps what was known"
   CHECK(json["code"] == "StageFailed");
   CHECK(json["exit_code"] == 4);
   CHECK(json["message"] == "label 9 is lost");
-  CHECK(json["results"]["stages"]["tightening"]["iterations"] == 3);
+  const Json& tightening = json["results"]["stages"]["tightening"];
+  CHECK(tightening["iterations"] == 3);
+  CHECK(tightening["guarded_places"] == 1);
+  CHECK(tightening["guarded"][0]["label"] == 9);
+  CHECK(tightening["guarded"][0]["position_grid_mm"] == Json({1.0, 2.0, 3.0}));
   CHECK(json["results"]["stages"]["labels"]["islands_removed"] == 1);
   CHECK_FALSE(json["results"]["stages"].contains("decimation"));
 }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <utility>
 
 namespace cvmesh::test_support {
 namespace {
@@ -44,6 +45,34 @@ Vec3 middle_of(const GridFrame& frame) {
       {0.5 * (frame.dims[0] - 1), 0.5 * (frame.dims[1] - 1), 0.5 * (frame.dims[2] - 1)});
 }
 
+LevelSets store_everywhere(std::shared_ptr<const Grid<MaterialId>> labels,
+                           std::size_t material_count,
+                           const std::function<double(MaterialId m, int i, int j, int k)>& value) {
+  constexpr int kBlock = BlockTable::kBlock;
+  LevelSets result;
+  const auto& dims = labels->frame.dims;
+  for (std::size_t m = 0; m < material_count; ++m) {
+    BlockTable table;
+    for (int axis = 0; axis < 3; ++axis)
+      table.blocks[axis] = (dims[axis] + kBlock - 1) / kBlock;
+    for (int bk = 0; bk < table.blocks[2]; ++bk)
+      for (int bj = 0; bj < table.blocks[1]; ++bj)
+        for (int bi = 0; bi < table.blocks[0]; ++bi) {
+          const auto material = static_cast<MaterialId>(m);
+          table.entry.push_back(static_cast<std::int32_t>(result.slots.size()));
+          result.slots.push_back({{bi, bj, bk}, material, material});
+          for (int n = 0; n < BlockTable::kBlockNodes; ++n)
+            result.values.push_back(static_cast<float>(
+                value(material, std::min(bi * kBlock + n % kBlock, dims[0] - 1),
+                      std::min(bj * kBlock + n / kBlock % kBlock, dims[1] - 1),
+                      std::min(bk * kBlock + n / kBlock / kBlock, dims[2] - 1))));
+        }
+    result.tables.push_back(std::move(table));
+  }
+  result.labels = std::move(labels);
+  return result;
+}
+
 LevelSets analytic_level_sets(const GridFrame& frame,
                               std::size_t material_count,
                               const SignedDistance& signed_distance_mm) {
@@ -62,36 +91,12 @@ LevelSets analytic_level_sets(const GridFrame& frame,
         }
       }
 
-  LevelSets result;
-  result.labels = labels;
-  result.fields.resize(material_count);
-  constexpr int kBlock = SparseLevelSet::kBlock;
-  for (std::size_t m = 0; m < material_count; ++m) {
-    SparseLevelSet& field = result.fields[m];
-    for (int axis = 0; axis < 3; ++axis)
-      field.blocks[axis] = (frame.dims[axis] + kBlock - 1) / kBlock;
-    std::int32_t stored = 0;
-    for (int bk = 0; bk < field.blocks[2]; ++bk)
-      for (int bj = 0; bj < field.blocks[1]; ++bj)
-        for (int bi = 0; bi < field.blocks[0]; ++bi) {
-          field.block_at.push_back(stored++);
-          for (int n = 0; n < kBlock * kBlock * kBlock; ++n) {
-            const int i = std::min(bi * kBlock + n % kBlock, frame.dims[0] - 1);
-            const int j = std::min(bj * kBlock + n / kBlock % kBlock, frame.dims[1] - 1);
-            const int k = std::min(bk * kBlock + n / kBlock / kBlock, frame.dims[2] - 1);
-            const Vec3 p = frame.index_to_mm({double(i), double(j), double(k)});
-            const double d = in_voxels(frame, p,
-                                       [&](const Vec3& q) {
-                                         return signed_distance_mm(static_cast<MaterialId>(m), q);
-                                       }) /
-                             kVoxelsToOne;
-            field.values.push_back(static_cast<float>((*labels)(i, j, k) == m
-                                                          ? std::clamp(d, kMargin, 1.0)
-                                                          : std::clamp(d, -1.0, -kMargin)));
-          }
-        }
-  }
-  return result;
+  return store_everywhere(labels, material_count, [&](MaterialId m, int i, int j, int k) {
+    const Vec3 p = frame.index_to_mm({double(i), double(j), double(k)});
+    const double d =
+        in_voxels(frame, p, [&](const Vec3& q) { return signed_distance_mm(m, q); }) / kVoxelsToOne;
+    return (*labels)(i, j, k) == m ? std::clamp(d, kMargin, 1.0) : std::clamp(d, -1.0, -kMargin);
+  });
 }
 
 LevelSets analytic_level_sets(const GridFrame& frame,

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstddef>
 #include <functional>
+#include <memory>
 
 namespace cvmesh::test_support {
 
@@ -17,6 +18,11 @@ GridFrame plain_frame(const std::array<int, 3>& dims, const Vec3& spacing_mm = {
 
 /// Middle of a frame, in grid mm.
 Vec3 middle_of(const GridFrame& frame);
+
+/// Level sets that store every block of every material; a node's values are `value(m, i, j, k)`.
+LevelSets store_everywhere(std::shared_ptr<const Grid<MaterialId>> labels,
+                           std::size_t material_count,
+                           const std::function<double(MaterialId m, int i, int j, int k)>& value);
 
 /// Level sets of known shapes: each node belongs to the material of the largest distance, its
 /// values are the distances over 1.5 voxels (in index space), clamped to [-1, 1] and at least 0.05

@@ -10,11 +10,12 @@
 namespace cvmesh {
 namespace {
 
-constexpr int kBlock = SparseLevelSet::kBlock;
-constexpr int kBlockNodes = SparseLevelSet::kBlockNodes;
+constexpr int kBlock = BlockTable::kBlock;
+constexpr int kBlockNodes = BlockTable::kBlockNodes;
 
-// Reach of the truncated Gaussian: at three sigma its tail is below the margin that tighten keeps.
-constexpr int kReach = 3;
+// Reach of the truncated Gaussian, and of a material: at four sigma its tail is below the rounding
+// of the distances that are made of it.
+constexpr int kReach = 4;
 constexpr int kPadded = kBlock + 2 * kReach;
 
 using Kernel1d = std::array<float, 2 * kReach + 1>;
@@ -51,8 +52,9 @@ class BlockGrid {
             static_cast<int>(block / blocks_[0] / blocks_[1])};
   }
 
-  void gather(std::size_t block, PaddedLabels& out) const {
-    const auto at = place(block);
+  void gather(std::size_t block, PaddedLabels& out) const { gather(place(block), out); }
+
+  void gather(const std::array<int, 3>& at, PaddedLabels& out) const {
     const auto& dims = labels_.frame.dims;
     std::array<int, kPadded> x;
     for (int i = 0; i < kPadded; ++i)
@@ -87,7 +89,7 @@ class BlockGrid {
 // 2 G * [label == m] - 1 on the nodes of one block, with the sign of the label kept at each node.
 void fill_block(
     const PaddedLabels& padded, MaterialId m, const Kernel1d& kernel, float margin, float* values) {
-  static_assert(kPadded == 14);
+  static_assert(kPadded == 16);
   std::array<float, kPadded * kPadded * kBlock> x_pass;
   for (int row = 0; row < kPadded * kPadded; ++row)
     for (int i = 0; i < kBlock; ++i) {
@@ -118,6 +120,69 @@ void fill_block(
       }
 }
 
+// Boxes of blocks around all blocks that hold a node of a material or lie near one.
+class MaterialBoxes {
+ public:
+  explicit MaterialBoxes(std::size_t material_count)
+      : lo_(material_count, {1 << 30, 1 << 30, 1 << 30}), hi_(material_count, {-1, -1, -1}) {}
+
+  void add(MaterialId m, const std::array<int, 3>& block) {
+    for (int axis = 0; axis < 3; ++axis) {
+      lo_[m][axis] = std::min(lo_[m][axis], block[axis]);
+      hi_[m][axis] = std::max(hi_[m][axis], block[axis]);
+    }
+  }
+
+  [[nodiscard]] BlockTable empty_table(std::size_t m) const {
+    BlockTable table;
+    if (hi_[m][0] < 0) return table;
+    table.first_block = lo_[m];
+    for (int axis = 0; axis < 3; ++axis)
+      table.blocks[axis] = hi_[m][axis] - lo_[m][axis] + 1;
+    table.entry.assign(
+        static_cast<std::size_t>(table.blocks[0]) * table.blocks[1] * table.blocks[2],
+        BlockTable::kOutside);
+    return table;
+  }
+
+ private:
+  std::vector<std::array<int, 3>> lo_, hi_;
+};
+
+// Fills `tables` and `slots` from the materials that are in or near each block.
+void allot_slots(const BlockGrid& grid,
+                 const std::vector<std::vector<MaterialId>>& materials_near,
+                 LevelSets& level_sets) {
+  MaterialBoxes boxes(level_sets.tables.size());
+  for (std::size_t block = 0; block < grid.size(); ++block)
+    for (const MaterialId m : materials_near[block])
+      boxes.add(m, grid.place(block));
+  for (std::size_t m = 0; m < level_sets.tables.size(); ++m)
+    level_sets.tables[m] = boxes.empty_table(m);
+
+  for (std::size_t block = 0; block < grid.size(); ++block) {
+    const auto& near = materials_near[block];
+    const auto place = grid.place(block);
+    const auto entry_of = [&](MaterialId m) -> std::int32_t& {
+      BlockTable& table = level_sets.tables[m];
+      return table.entry[table.index(place)];
+    };
+    const auto next_slot = static_cast<std::int32_t>(level_sets.slots.size());
+    if (near.size() == 1) {
+      entry_of(near[0]) = BlockTable::kInside;
+    } else if (near.size() == 2) {
+      entry_of(near[0]) = next_slot;
+      entry_of(near[1]) = BlockTable::mirrored(next_slot);
+      level_sets.slots.push_back({place, near[0], near[1]});
+    } else {
+      for (const MaterialId m : near) {
+        entry_of(m) = static_cast<std::int32_t>(level_sets.slots.size());
+        level_sets.slots.push_back({place, m, m});
+      }
+    }
+  }
+}
+
 }  // namespace
 
 BuildLevelSetsResult build_level_sets(std::shared_ptr<const Grid<MaterialId>> labels,
@@ -126,63 +191,38 @@ BuildLevelSetsResult build_level_sets(std::shared_ptr<const Grid<MaterialId>> la
   // Least magnitude at a node; keeps cut points away from nodes.
   constexpr float kMargin = 0.05F;
   const BlockGrid grid(*labels);
-
-  // Which materials need a value in which block: those whose boundary passes within reach.
-  std::vector<std::vector<MaterialId>> materials_in(grid.size());
+  std::vector<std::vector<MaterialId>> materials_near(grid.size());
   parallel_for_each_index(
       0, grid.size(),
       [&](std::size_t block) {
         PaddedLabels padded;
         grid.gather(block, padded);
-        if (padded.present.size() > 1) materials_in[block] = padded.present;
+        materials_near[block] = padded.present;
       },
       16);
   report_progress(context, "level sets", 0.3);
 
   BuildLevelSetsResult result;
-  auto& fields = result.level_sets.fields;
-  fields.resize(material_count);
-  result.level_sets.labels = std::move(labels);
-  std::vector<std::array<int, 3>> lo(material_count, {1 << 30, 1 << 30, 1 << 30});
-  std::vector<std::array<int, 3>> hi(material_count, {-1, -1, -1});
-  for (std::size_t block = 0; block < grid.size(); ++block)
-    for (const MaterialId m : materials_in[block])
-      for (int axis = 0; axis < 3; ++axis) {
-        lo[m][axis] = std::min(lo[m][axis], grid.place(block)[axis]);
-        hi[m][axis] = std::max(hi[m][axis], grid.place(block)[axis]);
-      }
-  for (std::size_t m = 0; m < material_count; ++m) {
-    if (hi[m][0] < 0) continue;
-    fields[m].first_block = lo[m];
-    for (int axis = 0; axis < 3; ++axis)
-      fields[m].blocks[axis] = hi[m][axis] - lo[m][axis] + 1;
-    fields[m].block_at.assign(
-        static_cast<std::size_t>(fields[m].blocks[0]) * fields[m].blocks[1] * fields[m].blocks[2],
-        -1);
-  }
-  std::vector<std::int32_t> stored(material_count, 0);
-  for (std::size_t block = 0; block < grid.size(); ++block)
-    for (const MaterialId m : materials_in[block])
-      fields[m].block_at[fields[m].table_index(grid.place(block))] = stored[m]++;
-  for (std::size_t m = 0; m < material_count; ++m) {
-    fields[m].values.resize(static_cast<std::size_t>(stored[m]) * kBlockNodes);
-    result.stats.band_nodes += fields[m].values.size();
-    result.stats.stored_bytes +=
-        fields[m].values.size() * sizeof(float) + fields[m].block_at.size() * sizeof(std::int32_t);
-  }
+  LevelSets& level_sets = result.level_sets;
+  level_sets.labels = std::move(labels);
+  level_sets.tables.resize(material_count);
+  allot_slots(grid, materials_near, level_sets);
+  materials_near = {};
+  level_sets.values.resize(level_sets.slots.size() * kBlockNodes);
+  result.stats.band_nodes = level_sets.values.size();
+  result.stats.stored_bytes =
+      level_sets.values.size() * sizeof(float) + level_sets.slots.size() * sizeof(LevelSets::Slot);
+  for (const BlockTable& table : level_sets.tables)
+    result.stats.stored_bytes += table.entry.size() * sizeof(std::int32_t);
 
   const Kernel1d kernel = gaussian_kernel();
   parallel_for_each_index(
-      0, grid.size(),
-      [&](std::size_t block) {
-        if (materials_in[block].empty()) return;
+      0, level_sets.slots.size(),
+      [&](std::size_t slot) {
         PaddedLabels padded;
-        grid.gather(block, padded);
-        for (const MaterialId m : materials_in[block]) {
-          const auto slot = fields[m].block_at[fields[m].table_index(grid.place(block))];
-          fill_block(padded, m, kernel, kMargin,
-                     &fields[m].values[static_cast<std::size_t>(slot) * kBlockNodes]);
-        }
+        grid.gather(level_sets.slots[slot].block, padded);
+        fill_block(padded, level_sets.slots[slot].material, kernel, kMargin,
+                   &level_sets.values[slot * kBlockNodes]);
       },
       16);
   report_progress(context, "level sets", 1);

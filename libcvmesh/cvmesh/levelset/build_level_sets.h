@@ -10,7 +10,7 @@
 namespace cvmesh {
 
 struct BuildLevelSetsStats {
-  std::size_t band_nodes = 0;  ///< over all materials
+  std::size_t band_nodes = 0;  ///< stored
   std::size_t stored_bytes = 0;
 };
 
@@ -20,10 +20,10 @@ struct BuildLevelSetsResult {
 };
 
 /// One level set per material, straight from the labels: the Gaussian-smoothed indicator (sigma
-/// one voxel) scaled to [-1, 1], in the narrow band only, with the sign of the label at each node.
+/// one voxel) as 2 x - 1, in the narrow band only, with the sign of the label at each node.
 ///
-/// Memory follows the interface area: about 4 bytes for each node of the blocks that the band
-/// touches, per material.
+/// Memory follows the interface area: 4 bytes for each node of the blocks within four nodes of a
+/// boundary, once where two materials are near, else once for each of them.
 BuildLevelSetsResult build_level_sets(std::shared_ptr<const Grid<MaterialId>> labels,
                                       std::size_t material_count,
                                       const StageContext& context);

@@ -12,7 +12,9 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <map>
 #include <memory>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -47,6 +49,16 @@ std::size_t volume(const std::array<int, 3>& dims) {
 Vec3 steps_in_voxels(const GridFrame& frame) {
   return frame.spacing_mm / frame.voxel_mm();
 }
+
+// The part of the stage's progress that one flow reports.
+struct StageProgress {
+  const StageContext& context;
+  double first, last;
+
+  void report(double fraction) const {
+    report_progress(context, "tightening", first + (last - first) * fraction);
+  }
+};
 
 // ---- obstacles
 // -----------------------------------------------------------------------------------
@@ -243,26 +255,28 @@ std::array<int, 3> place_in(const Block& block, std::uint16_t offset) {
 
 class Obstacles {
  public:
-  Obstacles(const Grid<MaterialId>& labels, std::size_t material_count, double r_vox)
+  Obstacles(const Grid<MaterialId>& labels, const std::vector<bool>& may_move, double r_vox)
       : labels_(labels), r_(r_vox), steps_(steps_in_voxels(labels.frame)) {
     // A ball that touches a node and avoids another reaches 2r; one node more for the test itself.
     std::array<int, 3> padding;
     for (int axis = 0; axis < 3; ++axis)
       padding[axis] = static_cast<int>(std::ceil(2 * r_vox / steps_[axis])) + 1;
-    boxes_ = find_boxes(labels, material_count, padding);
+    boxes_ = find_boxes(labels, may_move.size(), padding);
+    for (std::size_t m = 0; m < boxes_.size(); ++m)
+      if (!may_move[m]) boxes_[m] = {};
   }
 
-  // Fills the entries of all blocks.
-  void find_entries(BlockGrid& grid, const StageContext& context) const {
+  // Fills the entries of all blocks, by materials that may move.
+  void find_entries(BlockGrid& grid, const StageProgress& progress) const {
     Mask is_held(labels_.values.size());
     const double phases = 2.0 * static_cast<double>(boxes_.size());
     for (std::size_t m = 0; m < boxes_.size(); ++m) {
       if (!boxes_[m].is_empty()) hold_core(m, is_held);
-      report_progress(context, "tightening", 0.5 * static_cast<double>(m + 1) / phases);
+      progress.report(0.7 * static_cast<double>(m + 1) / phases);
     }
     for (std::size_t m = 0; m < boxes_.size(); ++m) {
       if (!boxes_[m].is_empty()) add_entries(m, is_held, grid);
-      report_progress(context, "tightening", 0.25 + 0.5 * static_cast<double>(m + 1) / phases);
+      progress.report(0.35 + 0.7 * static_cast<double>(m + 1) / phases);
     }
   }
 
@@ -371,7 +385,11 @@ HalfKernel gaussian(double sigma_nodes) {
 
 class Flow {
  public:
-  Flow(const Grid<MaterialId>& original, double r_vox) : labels(original), original_(original) {
+  Flow(const Grid<MaterialId>& original,
+       Grid<MaterialId> current,
+       const std::vector<bool>& may_move,
+       double r_vox)
+      : labels(std::move(current)), original_(original), may_move_(may_move) {
     const Vec3 steps = steps_in_voxels(original.frame);
     for (int axis = 0; axis < 3; ++axis) {
       // Blurring by sigma moves a boundary of curvature 1/r by sigma^2 / (2 r): half a voxel.
@@ -395,7 +413,8 @@ class Flow {
     std::array<MaterialId, kBlockNodes> best_material{};
     best.fill(-1);
     for (const MaterialId m : materials_at_stake(block, end)) {
-      if (!std::binary_search(scratch.present.begin(), scratch.present.end(), m)) continue;
+      if (!may_move_[m] || !std::binary_search(scratch.present.begin(), scratch.present.end(), m))
+        continue;
       blur(m, scratch);
       const auto offer = [&](std::size_t offset) {
         if (scratch.blurred[offset] <= best[offset]) return;
@@ -416,7 +435,8 @@ class Flow {
     }
     std::vector<Wish> wishes;
     for_each_node(block, end, [&](std::size_t offset, std::size_t node) {
-      if (best[offset] > own[offset] + kLeastGain && best_material[offset] != labels.values[node])
+      if (may_move_[labels.values[node]] && best[offset] > own[offset] + kLeastGain &&
+          best_material[offset] != labels.values[node])
         wishes.push_back({static_cast<std::uint16_t>(offset), best_material[offset]});
     });
     return wishes;
@@ -524,6 +544,7 @@ class Flow {
   }
 
   const Grid<MaterialId>& original_;
+  const std::vector<bool>& may_move_;
   std::array<HalfKernel, 3> kernels_;
   std::array<int, 3> reach_{}, padded_{};
 };
@@ -590,29 +611,74 @@ bool advance(Flow& flow, BlockGrid& grid) {
   return is_moving;
 }
 
+// What the guard held when nothing moved any more, block by block and material by material.
+void list_guarded(const BlockGrid& grid,
+                  const Grid<MaterialId>& labels,
+                  std::vector<GuardedPlace>& places) {
+  for (const Block& block : grid.blocks) {
+    std::map<MaterialId, GuardedPlace> of_material;
+    for (const Wish& wish : block.refused) {
+      const auto at = place_in(block, wish.offset);
+      const MaterialId m = labels(at[0], at[1], at[2]);
+      GuardedPlace& place = of_material[m];
+      place.material = m;
+      place.position += labels.frame.index_to_mm({double(at[0]), double(at[1]), double(at[2])});
+      ++place.nodes;
+    }
+    for (auto& [m, place] : of_material) {
+      place.position = place.position / static_cast<double>(place.nodes);
+      places.push_back(place);
+    }
+  }
+}
+
+// The flow at one radius, from `result.labels` on.
+void flow_at(double r_vox,
+             const Grid<MaterialId>& original,
+             const std::vector<bool>& may_move,
+             int max_iterations,
+             const StageProgress& progress,
+             GuardedFlowResult& result) {
+  BlockGrid grid(original.frame);
+  Obstacles(original, may_move, r_vox).find_entries(grid, progress);
+  Flow flow(original, std::move(result.labels), may_move, r_vox);
+  int iteration = 0;
+  while (iteration < max_iterations && advance(flow, grid)) {
+    ++iteration;
+    progress.context.log->debug("tightening: r {:g}, iteration {}", r_vox, iteration);
+    progress.report(0.7 + 0.3 * iteration / std::max(max_iterations, 1));
+  }
+  result.iterations += iteration;
+  result.labels = std::move(flow.labels);
+  list_guarded(grid, result.labels, result.guarded);
+}
+
 }  // namespace
 
 GuardedFlowResult guarded_flow(const Grid<MaterialId>& labels,
-                               std::size_t material_count,
-                               double r_vox,
+                               const std::vector<double>& r_vox,
                                int max_iterations,
-                               const StageContext& context) {
-  BlockGrid grid(labels.frame);
-  Obstacles(labels, material_count, r_vox).find_entries(grid, context);
-
-  Flow flow(labels, r_vox);
+                               const StageContext& context,
+                               double last_progress) {
+  std::set<double> radii(r_vox.begin(), r_vox.end());
+  radii.erase(radii.begin(), radii.lower_bound(1));
   GuardedFlowResult result;
-  while (result.iterations < max_iterations && advance(flow, grid)) {
-    ++result.iterations;
-    context.log->debug("tightening: iteration {}", result.iterations);
-    report_progress(context, "tightening",
-                    0.5 + 0.25 * result.iterations / std::max(max_iterations, 1));
+  result.labels = labels;
+  double done = 0;
+  for (const double r : radii) {
+    std::vector<bool> may_move(r_vox.size());
+    for (std::size_t m = 0; m < r_vox.size(); ++m)
+      may_move[m] = r_vox[m] >= r;
+    const double next = done + last_progress / static_cast<double>(radii.size());
+    flow_at(r, labels, may_move, max_iterations, {context, done, next}, result);
+    done = next;
   }
-  for (const Block& block : grid.blocks)
-    result.nodes_guarded += block.refused.size();
+  for (const GuardedPlace& place : result.guarded)
+    result.nodes_guarded += place.nodes;
+  std::stable_sort(result.guarded.begin(), result.guarded.end(),
+                   [](const GuardedPlace& a, const GuardedPlace& b) { return a.nodes > b.nodes; });
   for (std::size_t n = 0; n < labels.values.size(); ++n)
-    if (flow.labels.values[n] != labels.values[n]) ++result.nodes_changed;
-  result.labels = std::move(flow.labels);
+    if (result.labels.values[n] != labels.values[n]) ++result.nodes_changed;
   return result;
 }
 

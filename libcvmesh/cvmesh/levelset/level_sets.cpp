@@ -32,11 +32,14 @@ double LevelSets::at(MaterialId m, int i, int j, int k) const {
   i = std::clamp(i, 0, dims[0] - 1);
   j = std::clamp(j, 0, dims[1] - 1);
   k = std::clamp(k, 0, dims[2] - 1);
-  const SparseLevelSet& field = fields[m];
-  const int block = field.block_of(i, j, k);
-  if (block < 0) return (*labels)(i, j, k) == m ? 1.0 : -1.0;
-  return field.values[static_cast<std::size_t>(block) * SparseLevelSet::kBlockNodes +
-                      SparseLevelSet::offset_in_block(i, j, k)];
+  constexpr int kBlock = BlockTable::kBlock;
+  const std::int32_t entry = tables[m].at({i / kBlock, j / kBlock, k / kBlock});
+  if (entry == BlockTable::kOutside) return -1;
+  if (entry == BlockTable::kInside) return 1;
+  const bool is_mirrored = BlockTable::is_mirrored(entry);
+  const auto slot = static_cast<std::size_t>(is_mirrored ? BlockTable::mirrored(entry) : entry);
+  const float value = values[slot * BlockTable::kBlockNodes + BlockTable::offset(i, j, k)];
+  return is_mirrored ? -value : value;
 }
 
 double LevelSets::difference(MaterialId a, MaterialId b, const Vec3& p) const {
@@ -70,6 +73,16 @@ LevelSets::Sample LevelSets::sample_difference(MaterialId a, MaterialId b, const
       mix(along_x[0][1] - along_x[0][0], along_x[1][1] - along_x[1][0], z), far_z - near_z};
   sample.gradient = divided_by(per_index, frame().spacing_mm);
   return sample;
+}
+
+Vec3 LevelSets::smooth_gradient(MaterialId a, MaterialId b, const Vec3& p) const {
+  Vec3 gradient;
+  for (int axis = 0; axis < 3; ++axis) {
+    Vec3 step;
+    step[axis] = frame().spacing_mm[axis];
+    gradient[axis] = (difference(a, b, p + step) - difference(a, b, p - step)) / (2 * step[axis]);
+  }
+  return gradient;
 }
 
 }  // namespace cvmesh

@@ -12,49 +12,71 @@
 
 namespace cvmesh {
 
-/// One material's level set in a narrow band, in blocks of 8^3 nodes.
-///
-/// Values are positive inside, negative outside, clamped to [-1, 1]; 1 is two and a half
-/// voxels from the zero set. Nodes whose block is not stored are +1 or -1 by their label.
-struct SparseLevelSet {
+/// Where the values of one material are: for each block of 8^3 nodes of the material's own box, a
+/// slot of `LevelSets::values` or what stands for one.
+struct BlockTable {
   static constexpr int kBlock = 8;
+  static constexpr int kBlockNodes = kBlock * kBlock * kBlock;
+  /// Entries of blocks far from the material's boundary: all -1, all +1.
+  static constexpr std::int32_t kOutside = -1, kInside = -2;
+
   std::array<int, 3> first_block{0, 0, 0};  ///< of the material's own box, in blocks of the grid
   std::array<int, 3> blocks{0, 0, 0};
-  std::vector<std::int32_t> block_at;  ///< x fastest; -1 where none is stored
-  std::vector<float> values;           ///< block after block, x fastest inside each
+  std::vector<std::int32_t> entry;  ///< x fastest; slot >= 0, kOutside, kInside or a mirrored slot
 
-  static constexpr int kBlockNodes = kBlock * kBlock * kBlock;
+  /// Where only two materials are near, one is minus the other and one slot serves both.
+  static constexpr std::int32_t mirrored(std::int32_t slot) { return -3 - slot; }
 
-  /// Index of the stored block that holds grid node (i, j, k), or -1.
-  [[nodiscard]] int block_of(int i, int j, int k) const {
-    const int bi = i / kBlock - first_block[0], bj = j / kBlock - first_block[1],
-              bk = k / kBlock - first_block[2];
-    if (bi < 0 || bj < 0 || bk < 0 || bi >= blocks[0] || bj >= blocks[1] || bk >= blocks[2])
-      return -1;
-    return block_at[(static_cast<std::size_t>(bk) * blocks[1] + bj) * blocks[0] + bi];
-  }
+  static constexpr bool is_mirrored(std::int32_t entry) { return entry <= -3; }
 
-  /// Place in `block_at` of a block given by its place in the grid of blocks; it must be inside.
-  [[nodiscard]] std::size_t table_index(const std::array<int, 3>& block) const {
+  /// Place in `entry` of a block given by its place in the grid of blocks; it must be inside.
+  [[nodiscard]] std::size_t index(const std::array<int, 3>& block) const {
     return (static_cast<std::size_t>(block[2] - first_block[2]) * blocks[1] + block[1] -
             first_block[1]) *
                blocks[0] +
            block[0] - first_block[0];
   }
 
+  /// Entry of a block given by its place in the grid of blocks; kOutside beyond the own box.
+  [[nodiscard]] std::int32_t at(const std::array<int, 3>& block) const {
+    for (int axis = 0; axis < 3; ++axis)
+      if (block[axis] < first_block[axis] || block[axis] >= first_block[axis] + blocks[axis])
+        return kOutside;
+    return entry[index(block)];
+  }
+
   /// Place of grid node (i, j, k) inside its block.
-  static int offset_in_block(int i, int j, int k) {
+  static int offset(int i, int j, int k) {
     return ((k % kBlock) * kBlock + j % kBlock) * kBlock + i % kBlock;
   }
 };
 
-/// The level sets of all materials on one grid. At every node the own label's value is positive
-/// and every other negative, so `argmax` of the values is the label: the topology of any surface
-/// extracted from node labels is fixed, whatever the values in between.
+/// The level sets of all materials on one grid, in a narrow band only: values are signed distances
+/// in units of 3 voxels (steps of the grid), positive inside, clamped to [-1, 1].
+///
+/// At every node the own label's value is positive and every other negative, so `argmax` of the
+/// values is the label: the topology of any surface extracted from node labels is fixed, whatever
+/// the values in between.
+///
+/// Memory follows the interface area: a block of 8^3 nodes is stored once where two materials are
+/// within four nodes of it, once for each material where more are, and not at all elsewhere.
 class LevelSets {
  public:
+  static constexpr float kVoxelsToOne = 3;
+
+  /// What a slot of `values` holds: the block of nodes `block` (place in the grid of blocks) of
+  /// `material`; `mirror` is the other material that it serves, or `material` again.
+  struct Slot {
+    std::array<std::int32_t, 3> block;
+    MaterialId material, mirror;
+  };
+
   std::shared_ptr<const Grid<MaterialId>> labels;  ///< the (tightened) node labels
-  std::vector<SparseLevelSet> fields;              ///< one per material, the exterior included
+  std::vector<BlockTable> tables;                  ///< one per material, the exterior included
+  std::vector<Slot> slots;
+  std::vector<float> values;  ///< kBlockNodes for each slot, x fastest
+
+  [[nodiscard]] std::size_t material_count() const { return tables.size(); }
 
   [[nodiscard]] const GridFrame& frame() const { return labels->frame; }
 
@@ -72,6 +94,11 @@ class LevelSets {
   };
 
   [[nodiscard]] Sample sample_difference(MaterialId a, MaterialId b, const Vec3& p) const;
+
+  /// Gradient of `a` minus `b` (per mm) by central differences over one grid step to each side:
+  /// continuous, and on curved interfaces twice as close to the true normal as that of
+  /// `sample_difference`, which jumps from cell to cell.
+  [[nodiscard]] Vec3 smooth_gradient(MaterialId a, MaterialId b, const Vec3& p) const;
 };
 
 }  // namespace cvmesh

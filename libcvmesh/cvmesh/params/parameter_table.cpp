@@ -75,7 +75,8 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .doc = "Labels that become background before anything else happens.",
        .field = CVMESH_FIELD(clean_labels.drop_labels)},
       {.key = "labels",
-       .doc = "Names and sizes of single labels, by label value: {\"2\": {\"name\": \"cortical\", "
+       .doc = "Names, radii and sizes of single labels, by label value: {\"2\": {\"name\": "
+              "\"cortical\", "
               "\"epsilon\": 0.5}}.",
        .field = CVMESH_FIELD(labels)},
       {.key = "min_edge_mm",
@@ -101,7 +102,7 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .min = 0.05,
        .max = kMostVoxels},
       {.key = "smoothing_sweeps",
-       .doc = "Upper bound of the smoothing sweeps over the level sets; time is linear in it.",
+       .doc = "Sweeps of the smoothing over the level sets; time is linear in it.",
        .field = CVMESH_FIELD(tighten.smoothing_sweeps),
        .min = 0,
        .max = 10000},
@@ -214,6 +215,14 @@ const std::vector<ParameterInfo<LabelParameters>>& label_parameter_table() {
       {.key = "name",
        .doc = "Name of the label in files and reports.",
        .field = CVMESH_LABEL_FIELD(name),
+       .is_optional = true},
+      {.key = "r",
+       .unit = "voxels",
+       .doc = "As the global key, on the boundary of this label; where labels meet the smaller "
+              "radius rules.",
+       .field = CVMESH_LABEL_FIELD(r),
+       .min = 0,
+       .max = 20,
        .is_optional = true},
       {.key = "epsilon",
        .unit = "edge length / local feature size",

@@ -21,7 +21,7 @@ namespace cvmesh {
 /// What a parameter file may say about one label, under "labels": {"<value>": {...}}.
 struct LabelParameters {
   std::optional<std::string> name;
-  std::optional<double> epsilon, min_edge_mm, max_edge_mm;
+  std::optional<double> r, epsilon, min_edge_mm, max_edge_mm;
 };
 
 /// Everything that decides a mesh besides the label volume: the options of all stages, whose

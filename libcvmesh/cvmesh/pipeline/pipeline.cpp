@@ -118,6 +118,31 @@ LabelVolume read_and_clean(Run& run) {
   return clean(run, read(run));
 }
 
+/// The id of one of the user's labels, or nothing where it is not in the volume.
+std::optional<MaterialId> material_of(const LabelVolume& labels, Label label) {
+  const auto found = std::find(labels.label_of.begin() + 1, labels.label_of.end(), label);
+  if (found == labels.label_of.end()) return std::nullopt;
+  return static_cast<MaterialId>(found - labels.label_of.begin());
+}
+
+/// Says which labels have parameters, but are not there to use them.
+void warn_of_absent_labels(const Run& run, const LabelVolume& labels) {
+  for (const auto& [label, own] : run.request.parameters.labels) {
+    const bool is_used = own.r || own.epsilon || own.min_edge_mm || own.max_edge_mm;
+    if (is_used && !material_of(labels, label))
+      run.context.log->warn(
+          "parameters: label {} has a radius or sizes, but is not among the labels to mesh", label);
+  }
+}
+
+/// The tightening options with the user's labels turned into material ids.
+TightenOptions tighten_options_of(const Run& run, const LabelVolume& labels) {
+  TightenOptions options = run.request.parameters.tighten;
+  for (const auto& [label, own] : run.request.parameters.labels)
+    if (const auto m = material_of(labels, label); m && own.r) options.r_vox_of[*m] = *own.r;
+  return options;
+}
+
 LevelSets smooth_level_sets_of(Run& run, const LabelVolume& labels) {
   auto ids = std::make_shared<const Grid<MaterialId>>(labels.ids);
   BuildLevelSetsResult built = run.stage.run(
@@ -132,7 +157,7 @@ LevelSets smooth_level_sets_of(Run& run, const LabelVolume& labels) {
   TightenResult tightened = run.stage.run(
       stage_names::kTightening,
       [&] {
-        return tighten(std::move(built.level_sets), run.request.parameters.tighten, run.context);
+        return tighten(std::move(built.level_sets), tighten_options_of(run, labels), run.context);
       },
       [](const TightenResult& r) {
         return fmt::format("{} sweeps, {} nodes changed", r.stats.sweeps, r.stats.nodes_changed);
@@ -188,16 +213,9 @@ MedialAxis medial_axis_of(Run& run,
 /// The sizing options with the user's labels turned into material ids.
 SizingOptions sizing_options_of(const Run& run, const LabelVolume& labels) {
   SizingOptions options = run.request.parameters.sizing;
-  for (const auto& [label, own] : run.request.parameters.labels) {
-    const auto found = std::find(labels.label_of.begin() + 1, labels.label_of.end(), label) -
-                       labels.label_of.begin();
-    const bool is_sized = own.epsilon || own.min_edge_mm || own.max_edge_mm;
-    if (static_cast<std::size_t>(found) < labels.label_of.size())
-      options.per_material[static_cast<MaterialId>(found)] = {own.epsilon, own.min_edge_mm,
-                                                              own.max_edge_mm};
-    else if (is_sized)
-      run.context.log->warn("parameters: label {} has sizes, but is not in the volume", label);
-  }
+  for (const auto& [label, own] : run.request.parameters.labels)
+    if (const auto m = material_of(labels, label))
+      options.per_material[*m] = {own.epsilon, own.min_edge_mm, own.max_edge_mm};
   return options;
 }
 
@@ -455,6 +473,7 @@ void write(Run& run, const LabelVolume& labels, const TetMesh& tets) {
 
 void run_stages(Run& run) {
   const LabelVolume labels = read_and_clean(run);
+  warn_of_absent_labels(run, labels);
   LevelSets level_sets = smooth_level_sets_of(run, labels);
   const Dense dense = extract_dense(run, level_sets);
   MedialAxis medial_axis = medial_axis_of(run, labels, level_sets, dense);

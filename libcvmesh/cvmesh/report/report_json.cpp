@@ -99,13 +99,31 @@ Json interfaces_json(const Report& report, const ParticleCounts& counts) {
   return interfaces;
 }
 
-Json stages_json(const StageResults& stages) {
+/// Where the topology guard held a label: the places with most nodes, since a noisy volume may have
+/// thousands.
+Json guarded_json(const std::vector<GuardedPlace>& places, const std::vector<Label>& label_of) {
+  constexpr std::size_t kMostPlaces = 100;
+  Json guarded = Json::array();
+  for (const GuardedPlace& place : places) {
+    if (guarded.size() == kMostPlaces) break;
+    guarded.push_back(
+        {{"label", label_of[place.material]},
+         {"nodes", place.nodes},
+         {"position_grid_mm", {place.position.x, place.position.y, place.position.z}}});
+  }
+  return guarded;
+}
+
+Json stages_json(const Report& report) {
+  const StageResults& stages = report.stages;
   Json object = Json::object();
   if (stages.labels)
     object["labels"] = {{"islands_removed", stages.labels->islands_removed},
                         {"island_voxels", stages.labels->island_voxels}};
   add(object, "level_sets", stages.level_sets);
   add(object, "tightening", stages.tightening);
+  if (stages.tightening)
+    object["tightening"]["guarded"] = guarded_json(stages.tightening->guarded, report.label_of);
   add(object, "dense_surfaces", stages.dense_surfaces);
   add(object, "medial_axis", stages.medial_axis);
   add(object, "sizing_field", stages.sizing_field);
@@ -131,7 +149,7 @@ Json results_json(const Report& report) {
   add(results, "quality", report.quality);
   add(results, "distances", report.distances);
   add(results, "checks", report.checks);
-  results["stages"] = stages_json(report.stages);
+  results["stages"] = stages_json(report);
   return results;
 }
 

@@ -25,7 +25,8 @@ void to_json(Json& json, const TightenStats& stats) {
   json = {{"iterations", stats.iterations},
           {"sweeps", stats.sweeps},
           {"nodes_changed", stats.nodes_changed},
-          {"nodes_guarded", stats.nodes_guarded}};
+          {"nodes_guarded", stats.nodes_guarded},
+          {"guarded_places", stats.guarded.size()}};
 }
 
 void to_json(Json& json, const SurfaceSummary& summary) {
