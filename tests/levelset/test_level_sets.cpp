@@ -266,10 +266,18 @@ TEST_CASE("tighten: thin parts keep their volume", "[levelset][interfaces][unit]
   }
 }
 
-TEST_CASE("tighten: a single voxel keeps most of its volume", "[levelset][interfaces][unit]") {
-  Labels labels = label_grids::sample({13, 13, 13}, [](const Vec3&) -> MaterialId { return 0; });
-  labels(6, 6, 6) = 1;
-  CHECK(volume_inside(smoothed(labels).mesh, 1) == Approx(1).margin(0.5));
+TEST_CASE("tighten: specks of one and two voxels keep their volume",
+          "[levelset][interfaces][unit]") {
+  // Also where the blocks that store them meet: at node 8.
+  for (const int place : {8, 11})
+    for (const int length : {1, 2}) {
+      Labels labels =
+          label_grids::sample({20, 20, 20}, [](const Vec3&) -> MaterialId { return 0; });
+      for (int n = 0; n < length; ++n)
+        labels(place, place, place + n) = 1;
+      INFO(length << " voxels at " << place);
+      CHECK(volume_inside(smoothed(labels).mesh, 1) == Approx(length).epsilon(0.15));
+    }
 }
 
 TEST_CASE("tighten: a label's own radius rules its boundary", "[levelset][unit]") {

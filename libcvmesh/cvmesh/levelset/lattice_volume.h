@@ -8,8 +8,8 @@ namespace cvmesh {
 /// What the piece of a boundary in one lattice cube says about the volume inside it, in voxels.
 struct CubeVolume {
   bool is_cut = false;
-  float lack = 0;  ///< volume of the voxels inside, as far as they lie in the cube, less that
-                   ///< inside the boundary
+  float lack = 0;   ///< volume of the voxels inside, as far as they lie in the cube, less that
+                    ///< inside the boundary
   float slope = 0;  ///< how fast the volume inside grows when the field is raised everywhere
 };
 

@@ -40,6 +40,10 @@ constexpr float kCore = 2.25F, kTaper = 2;
 // Pull to the distances on flat boundaries: waves longer than 2 pi kFlatPull^(-1/4), fifteen
 // voxels, follow the labels. On curved ones kCurvedPull per squared curvature, at most kMostPull.
 constexpr float kFlatPull = 0.03F, kCurvedPull = 6, kMostPull = 0.5F;
+// Specks are flattened by what smooths the rest: they are pulled stronger. A node belongs to one
+// when at most kSpeckNodes of the 26 around it are on its side.
+constexpr float kSpeckPull = 20;
+constexpr int kSpeckNodes = 2;
 // The radius for which these hold; smaller ones pull stronger, up to what the descent bears.
 constexpr double kFullRadius = 0.8;
 constexpr float kStrongestPull = 30;
@@ -108,6 +112,36 @@ struct CellSums {
   }
 };
 
+// Steps to the nodes around one, by their distance.
+struct NearSteps {
+  float distance;
+  std::vector<int> steps;  // in a padded block
+};
+
+std::array<NearSteps, 4> near_steps() {
+  constexpr int kSpan = PaddedBlock<2>::kSpan, kSpan2 = PaddedBlock<2>::kSpan2;
+  std::array<NearSteps, 4> shells;
+  for (int k = -2; k <= 2; ++k)
+    for (int j = -2; j <= 2; ++j)
+      for (int i = -2; i <= 2; ++i)
+        if (const int d2 = i * i + j * j + k * k; d2 >= 1 && d2 <= 4) {
+          NearSteps& shell = shells[static_cast<std::size_t>(d2 - 1)];
+          shell.distance = std::sqrt(static_cast<float>(d2));
+          shell.steps.push_back(i + j * kSpan + k * kSpan2);
+        }
+  return shells;
+}
+
+// The signed distance that the nearest node of the other side tells, half a voxel less; `d` where
+// there is none within two voxels.
+float distance_by_nodes(float d, const float* f) {
+  static const auto kShells = near_steps();
+  for (const auto& [distance, steps] : kShells)
+    for (const int step : steps)
+      if ((f[step] > 0) != (*f > 0)) return std::copysign(distance - 0.5F, *f);
+  return d;
+}
+
 class Smoother {
  public:
   Smoother(LevelSets& level_sets, const SmoothLevelSetsOptions& options)
@@ -116,7 +150,8 @@ class Smoother {
         current_(level_sets.values),
         distance_(current_.size()),
         previous_(current_.size()),
-        active_rows_(reader_.size()) {
+        active_rows_(reader_.size()),
+        is_speck_(reader_.size() * kCellsPerBlock) {
     find_distances();
     find_pulls(options.r_vox);
   }
@@ -171,9 +206,21 @@ class Smoother {
         const std::size_t n = node_at(slot, i, j, k);
         current_[n] = distance_[n] = kept(current_[n], d);
         if (std::abs(d) < kClip) rows |= std::uint64_t{1} << (k * kBlock + j);
+        if (is_lonely(&f.values[static_cast<std::size_t>(at)]))
+          is_speck_[slot * kCellsPerBlock + cell_in_block(i, j, k)] = 1;
       });
       active_rows_[slot] = dilated(rows);
     });
+  }
+
+  static bool is_lonely(const float* f) {
+    constexpr int kSpan = PaddedBlock<1>::kSpan, kSpan2 = PaddedBlock<1>::kSpan2;
+    int same = -1;  // without the node itself
+    for (const int z : {-kSpan2, 0, kSpan2})
+      for (const int y : {-kSpan, 0, kSpan})
+        for (const int x : {-1, 0, 1})
+          same += (f[x + y + z] > 0) == (*f > 0) ? 1 : 0;
+    return same <= kSpeckNodes;
   }
 
   // Rows (j, k) of a block, bit 8 k + j, and their neighbours in the block.
@@ -204,11 +251,50 @@ class Smoother {
       }
       const auto stronger = static_cast<float>(std::pow(std::max(kFullRadius / r, 1.0), 4));
       const auto curvature = window_ratios(slot, bend);
+      std::array<bool, kCellsPerBlock> is_speck;
       for (std::size_t c = 0; c < kCellsPerBlock; ++c) {
-        const float pull =
-            std::clamp(kCurvedPull * curvature[c] * curvature[c], kFlatPull, kMostPull);
+        is_speck[c] = is_near_speck(slot, c);
+        const float pull = is_speck[c] ? kSpeckPull
+                                       : std::clamp(kCurvedPull * curvature[c] * curvature[c],
+                                                    kFlatPull, kMostPull);
         pull_[slot * kCellsPerBlock + c] = std::min(stronger * pull, kStrongestPull);
       }
+      if (std::find(is_speck.begin(), is_speck.end(), true) != is_speck.end())
+        measure_by_nodes(slot, is_speck);
+    });
+  }
+
+  // Whether a cell or one beside it holds part of a speck, of whatever material.
+  [[nodiscard]] bool is_near_speck(std::size_t slot, std::size_t cell) const {
+    const auto& slots = reader_.level_sets().slots;
+    const int i = static_cast<int>(cell & 1), j = static_cast<int>(cell >> 1 & 1),
+              k = static_cast<int>(cell >> 2);
+    for (int z = k - 1; z <= k + 1; ++z)
+      for (int y = j - 1; y <= j + 1; ++y)
+        for (int x = i - 1; x <= i + 1; ++x) {
+          const CellPlace place = find_cell(slot, x, y, z);
+          if (!place.is_stored) continue;
+          // The slots of a block follow each other.
+          const std::size_t there = place.cell / kCellsPerBlock;
+          std::size_t s = there;
+          while (s > 0 && slots[s - 1].block == slots[there].block)
+            --s;
+          for (; s < slots.size() && slots[s].block == slots[there].block; ++s)
+            if (is_speck_[s * kCellsPerBlock + place.cell % kCellsPerBlock] != 0) return true;
+        }
+    return false;
+  }
+
+  // Around a speck the blurred indicator tells next to nothing of distances.
+  void measure_by_nodes(std::size_t slot, const std::array<bool, kCellsPerBlock>& is_speck) {
+    PaddedBlock<2> f;
+    reader_.gather(slot, previous_, f);
+    for_each_node([&](int i, int j, int k) {
+      if (!is_speck[cell_in_block(i, j, k)]) return;
+      const std::size_t n = node_at(slot, i, j, k);
+      const auto at = static_cast<std::size_t>(PaddedBlock<2>::at(i, j, k));
+      current_[n] = distance_[n] =
+          kept(current_[n], distance_by_nodes(distance_[n], &f.values[at]));
     });
   }
 
@@ -281,10 +367,9 @@ class Smoother {
     for_each_slot([&](std::size_t slot) {
       const auto newton = window_ratios(slot, volumes);
       for (std::size_t c = 0; c < kCellsPerBlock; ++c) {
-        const float gain =
-            1 + kThinGain * std::min(pull_[slot * kCellsPerBlock + c] / kMostPull, 1.0F);
-        moves[slot * kCellsPerBlock + c] =
-            std::clamp(gain * newton[c], -kLargestMove, kLargestMove);
+        const std::size_t cell = slot * kCellsPerBlock + c;
+        const float gain = follows(cell) ? 1 : 1 + kThinGain * pull_[cell] / kMostPull;
+        moves[cell] = std::clamp(gain * newton[c], -kLargestMove, kLargestMove);
       }
     });
     for_each_slot([&](std::size_t slot) {
@@ -292,9 +377,11 @@ class Smoother {
     });
   }
 
+  // Whether the pull is so strong that the field just follows the distance.
+  [[nodiscard]] bool follows(std::size_t cell) const { return pull_[cell] > kMostPull; }
+
   void add_volumes(std::size_t slot, CellSums& volumes) const {
     constexpr int kSpan = PaddedBlock<1>::kSpan, kSpan2 = PaddedBlock<1>::kSpan2;
-    const float held = 1.01F * margin_;
     PaddedBlock<1> f;
     reader_.gather(slot, current_, f);
     for_each_node([&](int i, int j, int k) {
@@ -303,9 +390,9 @@ class Smoother {
       std::array<float, 8> corner;
       for (int c = 0; c < 8; ++c)
         corner[c] = low[(c & 1) + (c >> 1 & 1) * kSpan + (c >> 2) * kSpan2];
-      const CubeVolume cube = volume_in_cube(corner, held);
-      if (cube.is_cut)
-        volumes.add(slot * kCellsPerBlock + cell_in_block(i, j, k), cube.lack, cube.slope);
+      const std::size_t cell = slot * kCellsPerBlock + cell_in_block(i, j, k);
+      const CubeVolume cube = volume_in_cube(corner, follows(cell) ? 0 : 1.01F * margin_);
+      if (cube.is_cut) volumes.add(cell, cube.lack, cube.slope);
     });
   }
 
@@ -409,6 +496,7 @@ class Smoother {
   std::vector<float> distance_, previous_;  // per node
   std::vector<float> pull_;                 // per cell
   std::vector<std::uint64_t> active_rows_;  // per slot: rows that move
+  std::vector<std::uint8_t> is_speck_;      // per cell
 };
 
 }  // namespace
