@@ -47,7 +47,9 @@ TEST_CASE("parse_parameters: an empty object gives the defaults of the structs",
 TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
   const Parameters p = parse(R"({
     "comment": ["ignored", {"a": 1}], "r": 0.5, "epsilon": 2, "delta": 0.3, "seed": 7,
-    "min_island_voxels": 10, "mesh_background": true, "drop_labels": [5, -2, 5],
+    "min_island_voxels": 10, "min_hole_voxels": 4, "mesh_background": true,
+    "region_of_interest": [1, 2, 3, 40, 50, 6e1],
+    "merge_labels": {"2": [4, 3, 4], "-7": [8], "comment": "x"}, "drop_labels": [5, -2, 5],
     "labels": {"2": {"name": "bone", "epsilon": 0.5, "max_edge_mm": 3, "comment": 0},
                "comment": "x"},
     "min_edge_mm": 0.5, "max_edge_mm": null, "seeding": "dense", "particle_sweeps": 4e1,
@@ -58,7 +60,10 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
   CHECK(p.sizing.delta == 0.3);
   CHECK(p.seed == 7);
   CHECK(p.clean_labels.min_island_voxels == 10);
+  CHECK(p.clean_labels.min_hole_voxels == 4);
   CHECK(p.clean_labels.mesh_background);
+  CHECK(p.clean_labels.region_of_interest == VoxelBox{{1, 2, 3}, {40, 50, 60}});
+  CHECK(p.clean_labels.merge_labels == std::map<Label, std::vector<Label>>{{-7, {8}}, {2, {3, 4}}});
   CHECK(p.clean_labels.drop_labels == std::vector<Label>{-2, 5});
   CHECK(p.clean_labels.names.at(2) == "bone");
   CHECK(p.labels.at(2).epsilon == 0.5);
@@ -107,6 +112,28 @@ TEST_CASE("parse_parameters: messages name file, key, value, bound and way out",
         "parameters: p.json: drop_labels (3) is a number; give an array of label values, like [1, "
         "2]");
   CHECK(refusal(R"({"drop_labels": [3e10]})").find("must be at most") != std::string::npos);
+  CHECK(refusal(R"({"min_hole_voxels": -1})").find("must be at least 0") != std::string::npos);
+  CHECK(refusal(R"({"region_of_interest": [0, 0, 0, 9]})") ==
+        "parameters: p.json: region_of_interest ([0,0,0,9]) has 4 numbers rather than 6; give the "
+        "first and the last voxel, like [0, 0, 0, 63, 63, 31]");
+  CHECK(refusal(R"({"region_of_interest": 5})") ==
+        "parameters: p.json: region_of_interest (5) is a number; give the first and the last "
+        "voxel, like [0, 0, 0, 63, 63, 31], or null for \"not set\"");
+  CHECK(refusal(R"({"region_of_interest": [0, 0, -1, 9, 9, 9]})") ==
+        "parameters: p.json: region_of_interest (-1) must be at least 0; raise it, or leave it out "
+        "for the default");
+  CHECK(refusal(R"({"region_of_interest": [0, 0, 0, 9, 9, 3e9]})").find("must be at most") !=
+        std::string::npos);
+  CHECK(refusal(R"({"region_of_interest": [0, 0, 0, 9, 9, 1.5]})").find("whole number") !=
+        std::string::npos);
+  CHECK(refusal(R"({"merge_labels": [2, 3]})") ==
+        "parameters: p.json: merge_labels ([2,3]) is an array; give an object keyed by label "
+        "value");
+  CHECK(refusal(R"({"merge_labels": {"2": 3}})") ==
+        "parameters: p.json: merge_labels.2 (3) is a number; give an array of label values, like "
+        "[1, 2]");
+  CHECK(refusal(R"({"merge_labels": {"bone": [3]}})").find("merge_labels key \"bone\" is not") !=
+        std::string::npos);
   CHECK(refusal(R"({"labels": {"bone": {}}})") ==
         "parameters: p.json: labels key \"bone\" is not a label value; use the whole number that "
         "the label has in the volume, like \"2\"");
@@ -143,6 +170,8 @@ TEST_CASE("parse_parameters: settings override the file", "[params][unit]") {
   CHECK(parse(R"({"epsilon": 2})", {"epsilon=3", "epsilon=4"}).sizing.epsilon == 4);
   CHECK(parse("{}", {"seeding=dense"}).seed_particles.seeding == Seeding::Dense);
   CHECK(parse("{}", {"drop_labels=[1,2]"}).clean_labels.drop_labels.size() == 2);
+  CHECK_FALSE(parse(R"({"region_of_interest": [0, 0, 0, 9, 9, 9]})", {"region_of_interest=null"})
+                  .clean_labels.region_of_interest);
   // The command line asks for the other way of sizing: the file's gives way.
   CHECK(parse(R"({"epsilon": 2})", {"target_vertices=500"}).target_vertices == 500U);
   CHECK_FALSE(parse(R"({"target_vertices": 500})", {"epsilon=2"}).target_vertices);
@@ -162,9 +191,12 @@ TEST_CASE("parse_parameters: settings override the file", "[params][unit]") {
 }
 
 TEST_CASE("parameters_to_json: gives a file that parses to the same parameters", "[params][unit]") {
-  const Parameters p = parse(R"({"target_vertices": 500, "labels": {"-3": {"name": "a"}}})");
+  const Parameters p = parse(R"({"target_vertices": 500, "labels": {"-3": {"name": "a"}},
+    "region_of_interest": [1, 2, 3, 4, 5, 6], "merge_labels": {"2": [4, 3]}})");
   const Json json = parameters_to_json(p);
   CHECK(json["epsilon"].is_null());
+  CHECK(json["region_of_interest"] == Json({1, 2, 3, 4, 5, 6}));
+  CHECK(json["merge_labels"] == Json({{"2", {3, 4}}}));
   CHECK(parameters_to_json(parse_parameters(json, "again")) == json);
 }
 
@@ -204,4 +236,12 @@ TEST_CASE("parameters_schema: describes each key of the table with its default",
   CHECK(schema["properties"].size() == parameter_table().size() + 1);  // and "comment"
   CHECK(schema["properties"]["epsilon"]["exclusiveMinimum"] == 0);
   CHECK(schema["properties"]["seeding"]["enum"] == Json({"poisson", "dense"}));
+  const Json& region = schema["properties"]["region_of_interest"];
+  CHECK(region["type"] == Json({"array", "null"}));
+  CHECK(region["minItems"] == 6);
+  CHECK(region["maxItems"] == 6);
+  CHECK(region["items"]["minimum"] == 0);
+  const Json& merges = schema["properties"]["merge_labels"];
+  CHECK(merges["additionalProperties"] == false);
+  CHECK(merges["patternProperties"]["^-?[0-9]+$"]["items"]["type"] == "integer");
 }

@@ -27,7 +27,11 @@ Report small_report() {
       .accounts = {{.label = 3, .name = "label_3", .voxels_in = 2, .is_dropped = true},
                    {.label = 9, .name = "bone", .voxels_in = 7, .voxels_kept = 7}},
       .islands_removed = 1,
-      .island_voxels = 2};
+      .island_voxels = 2,
+      .holes_filled = 1,
+      .hole_voxels = 5,
+      .islands = {{.label = 9, .voxels = 2, .given_to = 3, .first_voxel = {1, 2, 3}}},
+      .holes = {{.label = 0, .voxels = 5, .given_to = 9, .first_voxel = {4, 4, 4}}}};
   report.stages.tightening =
       TightenStats{.iterations = 3,
                    .nodes_guarded = 2,
@@ -76,6 +80,28 @@ TEST_CASE("report_json: one entry per label, dropped ones with their accounting 
   CHECK_FALSE(labels[0].contains("volume"));
   CHECK(labels[1]["name"] == "bone");
   CHECK(labels[1]["volume"]["voxels_mm3"] == 42.0);
+}
+
+TEST_CASE("report_json: lists every island and hole with its heir and place", "[report][unit]") {
+  const Json labels = report_json(small_report())["results"]["stages"]["labels"];
+  CHECK(labels["islands_removed"] == 1);
+  CHECK(labels["hole_voxels"] == 5);
+  const Json island{{"label", 9}, {"voxels", 2}, {"given_to", 3}, {"first_voxel", {1, 2, 3}}};
+  CHECK(labels["islands"] == Json::array({island}));
+  CHECK(labels["holes"][0]["given_to"] == 9);
+  CHECK_FALSE(labels.contains("accounts"));
+}
+
+TEST_CASE("report_json: says of each label whether it was merged or cut off", "[report][unit]") {
+  Report report = small_report();
+  report.stages.labels->accounts[0] = {
+      .label = 3, .name = "label_3", .merged_into = 9, .is_outside_region = true};
+  const Json labels = report_json(report)["results"]["labels"];
+  CHECK(labels[0]["merged_into"] == 9);
+  CHECK(labels[0]["is_outside_region"] == true);
+  CHECK_FALSE(labels[0].contains("volume"));
+  CHECK(labels[1]["merged_into"].is_null());
+  CHECK(labels[1]["is_outside_region"] == false);
 }
 
 TEST_CASE("failure_json: names stage, code and message and keeps what was known",

@@ -5,10 +5,12 @@
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/labels/lattice_components.h"
 
+#include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <limits>
+#include <set>
 #include <utility>
 
 namespace cvmesh {
@@ -17,16 +19,18 @@ namespace {
 constexpr char kStage[] = "labels";
 constexpr std::size_t kMaxLabels = std::numeric_limits<MaterialId>::max() - 1;
 
-using Counts = std::map<Label, std::size_t>;
+template <typename Value>
+using Counts = std::map<Value, std::size_t>;
 
-// Voxels of each label, ascending.
-Counts count_labels(const InputVolume& input) {
-  const std::size_t slice = static_cast<std::size_t>(input.frame.dims[0]) * input.frame.dims[1];
+// Voxels of each value, ascending.
+template <typename Value>
+Counts<Value> count_values(const Grid<Value>& grid) {
+  const std::size_t slice = static_cast<std::size_t>(grid.frame.dims[0]) * grid.frame.dims[1];
   return deterministic_reduce(
-      0, static_cast<std::size_t>(input.frame.dims[2]), Counts{},
+      0, static_cast<std::size_t>(grid.frame.dims[2]), Counts<Value>{},
       [&](std::size_t k) {
-        Counts counts;
-        const Label* voxel = input.values.data() + k * slice;
+        Counts<Value> counts;
+        const Value* voxel = grid.values.data() + k * slice;
         for (std::size_t i = 0; i < slice;) {
           const std::size_t begin = i;
           while (i < slice && voxel[i] == voxel[begin])
@@ -35,33 +39,13 @@ Counts count_labels(const InputVolume& input) {
         }
         return counts;
       },
-      [](Counts a, const Counts& b) {
-        for (const auto& [label, count] : b)
-          a[label] += count;
+      [](Counts<Value> a, const Counts<Value>& b) {
+        for (const auto& [value, count] : b)
+          a[value] += count;
         return a;
       },
       8);
 }
-
-// A box of voxels, both ends included.
-struct VoxelBox {
-  std::array<int, 3> lo{std::numeric_limits<int>::max(), std::numeric_limits<int>::max(),
-                        std::numeric_limits<int>::max()};
-  std::array<int, 3> hi{-1, -1, -1};
-
-  void add(const VoxelBox& b) {
-    for (int axis = 0; axis < 3; ++axis) {
-      lo[axis] = std::min(lo[axis], b.lo[axis]);
-      hi[axis] = std::max(hi[axis], b.hi[axis]);
-    }
-  }
-
-  [[nodiscard]] bool is_empty() const { return hi[0] < 0; }
-
-  [[nodiscard]] std::array<int, 3> dims() const {
-    return {hi[0] - lo[0] + 1, hi[1] - lo[1] + 1, hi[2] - lo[2] + 1};
-  }
-};
 
 // The box of all voxels that `is_content`, with one more layer on each side where the grid has it:
 // the layer keeps the exterior's nodes that the interface is interpolated against.
@@ -144,150 +128,6 @@ class IdLookup {
   bool is_known_ = false;
 };
 
-// Replaces ids by `new_id[id]` in place.
-void renumber(Grid<MaterialId>& ids, const std::vector<MaterialId>& new_id) {
-  parallel_for_each_index(
-      0, ids.values.size(), [&](std::size_t i) { ids.values[i] = new_id[ids.values[i]]; }, 65536);
-}
-
-// Calls body(i, j, k) for every voxel of the runs listed.
-template <typename Body>
-void for_each_voxel(const LatticeComponents& components,
-                    const std::vector<std::size_t>& rows,
-                    const std::vector<std::uint32_t>& runs,
-                    int ny,
-                    const Body& body) {
-  for (std::size_t n = 0; n < runs.size(); ++n) {
-    const auto& run = components.runs[runs[n]];
-    const int j = static_cast<int>(rows[n] % ny), k = static_cast<int>(rows[n] / ny);
-    for (int i = run.begin; i < run.end; ++i)
-      body(i, j, k);
-  }
-}
-
-// Gives islands away, one pass; an island that grew on the way is left to the next pass.
-class IslandPass {
- public:
-  IslandPass(Grid<MaterialId>& ids,
-             const LatticeComponents& components,
-             const std::vector<Label>& label_of,
-             std::size_t min_voxels)
-      : ids_(ids),
-        components_(components),
-        label_of_(label_of),
-        is_touched_(components.component_count(), false) {
-    find_islands(min_voxels);
-    list_runs();
-  }
-
-  void run(CleanLabelsStats& stats) {
-    for (std::size_t n = 0; n < islands_.size(); ++n) {
-      if (is_touched_[islands_[n]]) {
-        needs_another_pass_ = true;
-        continue;
-      }
-      give_away(n);
-      ++stats.islands_removed;
-      stats.island_voxels += components_.voxels_of[islands_[n]];
-    }
-  }
-
-  [[nodiscard]] bool needs_another_pass() const { return needs_another_pass_; }
-
-  [[nodiscard]] bool is_empty() const { return islands_.empty(); }
-
- private:
-  // Components below the bound, smallest first; never the largest of a material.
-  void find_islands(std::size_t min_voxels) {
-    std::map<MaterialId, std::uint32_t> largest;
-    const auto count = static_cast<std::uint32_t>(components_.component_count());
-    for (std::uint32_t c = 0; c < count; ++c) {
-      const auto [entry, is_new] = largest.try_emplace(components_.material_of[c], c);
-      if (components_.voxels_of[c] > components_.voxels_of[entry->second]) entry->second = c;
-    }
-    for (std::uint32_t c = 0; c < count; ++c) {
-      if (components_.voxels_of[c] < min_voxels && largest.at(components_.material_of[c]) != c) {
-        islands_.push_back(c);
-      }
-    }
-    std::sort(islands_.begin(), islands_.end(), [&](std::uint32_t a, std::uint32_t b) {
-      return std::pair(components_.voxels_of[a], a) < std::pair(components_.voxels_of[b], b);
-    });
-  }
-
-  void list_runs() {
-    std::vector<std::int64_t> slot(components_.component_count(), -1);
-    for (std::size_t n = 0; n < islands_.size(); ++n)
-      slot[islands_[n]] = std::int64_t(n);
-    rows_.resize(islands_.size());
-    runs_.resize(islands_.size());
-    for (std::size_t row = 0; row + 1 < components_.first_of_row.size(); ++row) {
-      for (std::size_t r = components_.first_of_row[row]; r < components_.first_of_row[row + 1];
-           ++r) {
-        const std::int64_t n = slot[components_.component_of[r]];
-        if (n < 0) continue;
-        rows_[n].push_back(row);
-        runs_[n].push_back(static_cast<std::uint32_t>(r));
-      }
-    }
-  }
-
-  // The material that most of the island's faces touch now; the smaller label breaks ties.
-  MaterialId best_neighbour(std::size_t n, MaterialId own) const {
-    static constexpr std::array<std::array<int, 3>, 6> kFaces{
-        {{-1, 0, 0}, {1, 0, 0}, {0, -1, 0}, {0, 1, 0}, {0, 0, -1}, {0, 0, 1}}};
-    std::map<MaterialId, std::size_t> faces;
-    for_each_voxel(components_, rows_[n], runs_[n], ids_.frame.dims[1], [&](int i, int j, int k) {
-      for (const auto& d : kFaces) {
-        const int x = i + d[0], y = j + d[1], z = k + d[2];
-        if (ids_.frame.contains(x, y, z) && ids_(x, y, z) != own) ++faces[ids_(x, y, z)];
-      }
-    });
-    MaterialId best = own;
-    std::size_t best_count = 0;
-    for (const auto& [material, count] : faces) {
-      const bool is_smaller = label_of_[material] < label_of_[best];
-      if (count > best_count || (count == best_count && is_smaller)) {
-        best = material;
-        best_count = count;
-      }
-    }
-    return best;
-  }
-
-  void give_away(std::size_t n) {
-    const MaterialId own = components_.material_of[islands_[n]];
-    const MaterialId heir = best_neighbour(n, own);
-    for_each_voxel(components_, rows_[n], runs_[n], ids_.frame.dims[1], [&](int i, int j, int k) {
-      ids_(i, j, k) = heir;
-      if (heir != kExterior) touch_neighbours(i, j, k, heir);
-    });
-  }
-
-  // Marks the components of `material` that a voxel joins on the 14-neighbour lattice.
-  void touch_neighbours(int i, int j, int k, MaterialId material) {
-    for (int corner = 1; corner < 8; ++corner) {
-      for (const int sign : {-1, 1}) {
-        const int x = i + sign * (corner & 1), y = j + sign * (corner >> 1 & 1),
-                  z = k + sign * (corner >> 2);
-        if (!ids_.frame.contains(x, y, z) || ids_(x, y, z) != material) continue;
-        const std::size_t row = static_cast<std::size_t>(z) * ids_.frame.dims[1] + y;
-        const std::int64_t run = components_.run_at(row, x);
-        if (run >= 0) is_touched_[components_.component_of[run]] = true;
-      }
-    }
-  }
-
-  Grid<MaterialId>& ids_;
-  const LatticeComponents& components_;
-  const std::vector<Label>& label_of_;
-  std::vector<bool> is_touched_;
-  std::vector<std::uint32_t> islands_;
-  std::vector<std::vector<std::size_t>> rows_;
-  std::vector<std::vector<std::uint32_t>> runs_;
-  bool needs_another_pass_ = false;
-};
-
 std::string names_of(const std::vector<Label>& labels) {
   constexpr std::size_t kShown = 20;
   std::string text;
@@ -297,27 +137,81 @@ std::string names_of(const std::vector<Label>& labels) {
   return labels.size() > kShown ? text + ", ..." : text;
 }
 
+// Refuses a label that no voxel has; `place` is the key that names it.
+void require_present(Label label, const std::string& place, const Counts<Label>& counts) {
+  if (counts.count(label) > 0) return;
+  std::vector<Label> present;
+  for (const auto& [other, count] : counts)
+    present.push_back(other);
+  throw Error(ErrorCode::BadParameter, kStage,
+              fmt::format("{} names label {}, which is not in the volume; it has {}", place, label,
+                          names_of(present)));
+}
+
+void check_region(const VoxelBox& region, const std::array<int, 3>& dims) {
+  for (int axis = 0; axis < 3; ++axis) {
+    const char name = "ijk"[axis];
+    require(region.lo[axis] <= region.hi[axis], ErrorCode::BadParameter, kStage,
+            fmt::format("region_of_interest begins at {0} = {1} and ends at {0} = {2}; give the "
+                        "first voxel, then the last",
+                        name, region.lo[axis], region.hi[axis]));
+    const int outside = region.lo[axis] < 0 ? region.lo[axis] : region.hi[axis];
+    require(outside >= 0 && outside < dims[axis], ErrorCode::BadParameter, kStage,
+            fmt::format("region_of_interest reaches {0} = {1}, outside the volume of {2} x {3} x "
+                        "{4} voxels; keep {0} between 0 and {5}",
+                        name, outside, dims[0], dims[1], dims[2], dims[axis] - 1));
+  }
+}
+
+void check_drops(const CleanLabelsOptions& options, const Counts<Label>& counts) {
+  for (const Label label : options.drop_labels) {
+    require(label != 0, ErrorCode::BadParameter, kStage,
+            "drop_labels names label 0, which is the background already; remove it from the list");
+    require_present(label, "drop_labels", counts);
+  }
+}
+
+void check_merges(const CleanLabelsOptions& options, const Counts<Label>& counts) {
+  std::map<Label, std::string> place_of;
+  for (const Label label : options.drop_labels)
+    place_of[label] = "drop_labels";
+  const auto name_once = [&](Label label, const std::string& place) {
+    const auto [entry, is_new] = place_of.try_emplace(label, place);
+    require(is_new, ErrorCode::BadParameter, kStage,
+            fmt::format("label {} is named by {} and again by {}; name it in one place", label,
+                        entry->second, place));
+  };
+  for (const auto& [target, sources] : options.merge_labels) {
+    const std::string place = fmt::format("merge_labels.{}", target);
+    require(
+        !sources.empty(), ErrorCode::BadParameter, kStage,
+        fmt::format("{} is empty; list the labels that become {}, or remove it", place, target));
+    require(target != 0, ErrorCode::BadParameter, kStage,
+            fmt::format("{} turns labels {} into the background; use drop_labels for that", place,
+                        names_of(sources)));
+    name_once(target, place);
+    for (const Label source : sources) {
+      require(source != 0, ErrorCode::BadParameter, kStage,
+              fmt::format("{} names label 0, the background, which no label takes in; remove it, "
+                          "and use drop_labels to turn labels into background",
+                          place));
+      require_present(source, place, counts);
+      name_once(source, place);
+    }
+  }
+}
+
 void check_input(const InputVolume& input,
-                 const Counts& counts,
+                 const Counts<Label>& counts,
                  const CleanLabelsOptions& options) {
   require(input.frame.size() > 0 && input.values.size() == input.frame.size(), ErrorCode::BadInput,
           kStage, "the label volume has no voxels");
   require(counts.size() >= 2, ErrorCode::BadInput, kStage,
           "all voxels have the label " + std::to_string(counts.begin()->first) +
               "; a mesh needs at least two labels (0 is the exterior)");
-  require(counts.size() - counts.count(0) <= kMaxLabels, ErrorCode::BadInput, kStage,
-          "the volume has " + std::to_string(counts.size()) + " labels, more than " +
-              std::to_string(kMaxLabels) + "; is it an image rather than a segmentation?");
-  std::vector<Label> present;
-  for (const auto& [label, count] : counts)
-    present.push_back(label);
-  for (const Label label : options.drop_labels) {
-    require(label != 0, ErrorCode::BadParameter, kStage,
-            "drop_labels names label 0, which is the background already; remove it from the list");
-    require(counts.count(label) > 0, ErrorCode::BadParameter, kStage,
-            "drop_labels names label " + std::to_string(label) +
-                ", which is not in the volume; it has " + names_of(present));
-  }
+  if (options.region_of_interest) check_region(*options.region_of_interest, input.frame.dims);
+  check_merges(options, counts);
+  check_drops(options, counts);
 }
 
 std::string name_of(Label label, const CleanLabelsOptions& options) {
@@ -325,68 +219,184 @@ std::string name_of(Label label, const CleanLabelsOptions& options) {
   return found != options.names.end() ? found->second : "label_" + std::to_string(label);
 }
 
-// label_of for all labels of the input that may become materials: [0] is the exterior.
-std::vector<Label> candidate_labels(const Counts& counts, const CleanLabelsOptions& options) {
-  std::vector<Label> labels;
-  for (const auto& [label, count] : counts) {
-    if (label != 0) labels.push_back(label);
+// One account per label of the input and of the result, ascending, with what is to happen to it.
+std::vector<LabelAccount> open_accounts(const Counts<Label>& counts,
+                                        const CleanLabelsOptions& options) {
+  std::map<Label, LabelAccount> accounts;
+  for (const auto& [label, count] : counts)
+    accounts[label].voxels_in = count;
+  for (const auto& [target, sources] : options.merge_labels) {
+    accounts[target];
+    for (const Label source : sources)
+      accounts[source].merged_into = target;
   }
+  for (const Label label : options.drop_labels)
+    accounts[label].is_dropped = true;
   // Dropped labels need a background to go to, even where the input has none.
-  if (options.mesh_background && (counts.count(0) > 0 || !options.drop_labels.empty())) {
-    labels.insert(std::lower_bound(labels.begin(), labels.end(), 0), 0);
+  if (!options.mesh_background)
+    accounts.erase(0);
+  else if (!options.drop_labels.empty())
+    accounts[0];
+
+  require(accounts.size() <= kMaxLabels, ErrorCode::BadInput, kStage,
+          fmt::format("the volume has {} labels, more than {}; is it an image rather than a "
+                      "segmentation?",
+                      accounts.size(), kMaxLabels));
+  std::vector<LabelAccount> result;
+  for (auto& [label, account] : accounts) {
+    account.label = label;
+    account.name = name_of(label, options);
+    result.push_back(std::move(account));
   }
-  labels.insert(labels.begin(), 0);
+  return result;
+}
+
+// The content of the input; the id of a label is the index of its account plus one.
+LabelVolume number_labels(const InputVolume& input,
+                          const std::vector<LabelAccount>& accounts,
+                          bool has_exterior) {
+  LabelVolume labels;
+  labels.label_of = {0};
+  for (const LabelAccount& account : accounts)
+    labels.label_of.push_back(account.label);
+  const VoxelBox box =
+      padded_content(input, [&](Label label) { return !has_exterior || label != 0; });
+  labels.ids = cut_out(input, box, [&] { return IdLookup(labels.label_of); });
+  labels.input_dims = input.frame.dims;
+  labels.first_voxel = box.lo;
   return labels;
 }
 
-// Which id each candidate has in the result; dropped ones become the background.
-struct Renumbering {
-  std::vector<MaterialId> new_id;
-  std::vector<Label> label_of;
+// Cuts off what is outside `box`, which is in indices of the working grid.
+void crop(LabelVolume& labels, const VoxelBox& box) {
+  if (box.dims() == labels.frame().dims) return;
+  for (int axis = 0; axis < 3; ++axis)
+    labels.first_voxel[axis] += box.lo[axis];
+  labels.ids = cut_out(labels.ids, box, [] { return [](MaterialId m) { return m; }; });
+}
+
+// What of the options takes labels away, for messages: "region_of_interest and drop_labels".
+std::string removers(const CleanLabelsOptions& options) {
+  std::vector<std::string> words;
+  if (options.region_of_interest) words.emplace_back("region_of_interest");
+  if (!options.merge_labels.empty()) words.emplace_back("merge_labels");
+  if (!options.drop_labels.empty()) words.emplace_back("drop_labels");
+  if (options.min_hole_voxels > 1) words.emplace_back("min_hole_voxels");
+  return fmt::format("{}", fmt::join(words, " and "));
+}
+
+[[noreturn]] void refuse_empty(const CleanLabelsOptions& options) {
+  throw Error(ErrorCode::BadInput, kStage,
+              fmt::format("no label to mesh is left by {}; take less away", removers(options)));
+}
+
+// Cuts off what is outside the region of interest, and marks the labels that have no voxel in it.
+void cut_to_region(LabelVolume& labels,
+                   const CleanLabelsOptions& options,
+                   std::vector<LabelAccount>& accounts,
+                   const StageContext& context) {
+  VoxelBox box = *options.region_of_interest;
+  for (int axis = 0; axis < 3; ++axis) {
+    box.lo[axis] -= labels.first_voxel[axis];
+    box.hi[axis] -= labels.first_voxel[axis];
+  }
+  const auto& dims = labels.frame().dims;
+  box = common_part(box, {{0, 0, 0}, {dims[0] - 1, dims[1] - 1, dims[2] - 1}});
+  if (box.is_empty()) refuse_empty(options);
+  crop(labels, box);
+
+  const Counts<MaterialId> inside = count_values(labels.ids);
+  std::vector<Label> outside;
+  for (std::size_t a = 0; a < accounts.size(); ++a) {
+    if (accounts[a].voxels_in == 0 || inside.count(static_cast<MaterialId>(a + 1)) > 0) continue;
+    accounts[a].is_outside_region = true;
+    outside.push_back(accounts[a].label);
+  }
+  if (!outside.empty())
+    context.log->warn("labels: without a voxel inside region_of_interest: label {}",
+                      names_of(outside));
+}
+
+// Gives the materials other ids in place: `label_of` is the new table, `new_id[id]` the new id.
+void renumber(LabelVolume& labels,
+              std::vector<Label> label_of,
+              const std::vector<MaterialId>& new_id) {
+  parallel_for_each_index(
+      0, labels.ids.values.size(),
+      [&](std::size_t i) { labels.ids.values[i] = new_id[labels.ids.values[i]]; }, 65536);
+  labels.label_of = std::move(label_of);
+}
+
+// The label that the voxels of an account have after merges and drops.
+Label label_after(const LabelAccount& account) {
+  return account.is_dropped ? 0 : account.merged_into.value_or(account.label);
+}
+
+// Dropped labels become the background, which is the exterior unless it is meshed.
+void merge_and_drop(LabelVolume& labels,
+                    const std::vector<LabelAccount>& accounts,
+                    bool mesh_background) {
+  std::set<Label> left;
+  for (const LabelAccount& account : accounts) {
+    if (label_after(account) != 0 || mesh_background) left.insert(label_after(account));
+  }
+  if (left.size() == accounts.size()) return;
+  std::vector<Label> label_of{0};
+  label_of.insert(label_of.end(), left.begin(), left.end());
+  IdLookup id_of(label_of);
+  std::vector<MaterialId> new_id{kExterior};
+  for (const LabelAccount& account : accounts)
+    new_id.push_back(id_of(label_after(account)));
+  renumber(labels, label_of, new_id);
+}
+
+MaterialId background_of(const LabelVolume& labels) {
+  return IdLookup(labels.label_of)(0);
+}
+
+std::size_t voxels_of(const std::vector<RemovedComponent>& removed) {
+  std::size_t voxels = 0;
+  for (const RemovedComponent& component : removed)
+    voxels += component.voxels;
+  return voxels;
+}
+
+// Per material id; nothing is counted of the exterior.
+struct MaterialCounts {
+  std::vector<std::size_t> voxels, components;
 };
 
-Renumbering drop(const std::vector<Label>& candidates, const CleanLabelsOptions& options) {
-  Renumbering result{std::vector<MaterialId>(candidates.size(), kExterior), {0}};
-  MaterialId background = kExterior;
-  std::vector<std::size_t> dropped;
-  for (std::size_t c = 1; c < candidates.size(); ++c) {
-    const Label label = candidates[c];
-    const auto& drops = options.drop_labels;
-    if (std::find(drops.begin(), drops.end(), label) != drops.end()) {
-      dropped.push_back(c);
-      continue;
-    }
-    result.new_id[c] = static_cast<MaterialId>(result.label_of.size());
-    if (label == 0) background = result.new_id[c];
-    result.label_of.push_back(label);
+MaterialCounts count_materials(const LabelVolume& labels) {
+  const LatticeComponents components = find_lattice_components(labels.ids);
+  MaterialCounts counts{std::vector<std::size_t>(labels.material_count(), 0),
+                        std::vector<std::size_t>(labels.material_count(), 0)};
+  for (std::size_t c = 0; c < components.component_count(); ++c) {
+    counts.voxels[components.material_of[c]] += components.voxels_of[c];
+    ++counts.components[components.material_of[c]];
   }
-  for (const std::size_t c : dropped)
-    result.new_id[c] = background;
-  return result;
+  return counts;
 }
 
-std::vector<std::size_t> components_per_material(const LatticeComponents& components,
-                                                 std::size_t material_count) {
-  std::vector<std::size_t> result(material_count, 0);
-  for (const MaterialId m : components.material_of)
-    ++result[m];
-  return result;
-}
-
-// Gives away all islands and returns the components of what is left.
-LatticeComponents remove_islands(Grid<MaterialId>& ids,
-                                 const std::vector<Label>& label_of,
-                                 std::size_t min_voxels,
-                                 CleanLabelsStats& stats) {
-  LatticeComponents components = find_lattice_components(ids);
-  while (min_voxels > 1) {
-    IslandPass pass(ids, components, label_of, min_voxels);
-    if (pass.is_empty()) break;
-    pass.run(stats);
-    components = find_lattice_components(ids);
-    if (!pass.needs_another_pass()) break;
+// Takes materials without a voxel out of the table: the region of interest or the filling of holes
+// may leave such. @throws Error BadInput when less than two labels are left, the exterior included
+void drop_empty_materials(LabelVolume& labels,
+                          const MaterialCounts& counts,
+                          const CleanLabelsOptions& options) {
+  std::vector<Label> label_of{0};
+  std::vector<MaterialId> new_id(labels.material_count(), kExterior);
+  std::size_t meshed = 0;
+  for (std::size_t m = 1; m < labels.material_count(); ++m) {
+    if (counts.voxels[m] == 0) continue;
+    new_id[m] = static_cast<MaterialId>(label_of.size());
+    label_of.push_back(labels.label_of[m]);
+    meshed += counts.voxels[m];
   }
-  return components;
+  if (label_of.size() == 1) refuse_empty(options);
+  require(label_of.size() > 2 || meshed < labels.frame().size(), ErrorCode::BadInput, kStage,
+          fmt::format("only label {} is left by {}; a mesh needs at least two labels (0 is the "
+                      "exterior), so take less away",
+                      label_of[1], removers(options)));
+  if (label_of.size() < labels.material_count()) renumber(labels, label_of, new_id);
 }
 
 }  // namespace
@@ -395,68 +405,49 @@ CleanLabelsResult clean_labels(const InputVolume& input,
                                const CleanLabelsOptions& options,
                                const StageContext& context) {
   CleanLabelsResult result;
-  const Counts counts = count_labels(input);
+  LabelVolume& labels = result.labels;
+  CleanLabelsStats& stats = result.stats;
+  const Counts<Label> counts = count_values(input);
   check_input(input, counts, options);
+  stats.accounts = open_accounts(counts, options);
   report_progress(context, kStage, 0.2);
 
-  const std::vector<Label> candidates = candidate_labels(counts, options);
-  const bool has_exterior = counts.count(0) > 0 && !options.mesh_background;
-  VoxelBox box = padded_content(input, [&](Label label) { return !has_exterior || label != 0; });
-  Grid<MaterialId> ids = cut_out(input, box, [&] { return IdLookup(candidates); });
+  labels = number_labels(input, stats.accounts, counts.count(0) > 0 && !options.mesh_background);
   report_progress(context, kStage, 0.4);
 
-  std::vector<std::size_t> components_in =
-      components_per_material(find_lattice_components(ids), candidates.size());
-  const Renumbering renumbering = drop(candidates, options);
-  require(renumbering.label_of.size() > 1, ErrorCode::BadInput, kStage,
-          "drop_labels leaves no label to mesh; remove a label from it");
-  if (!options.drop_labels.empty()) renumber(ids, renumbering.new_id);
+  const MaterialCounts counts_in = count_materials(labels);
+  for (std::size_t a = 0; a < stats.accounts.size(); ++a)
+    stats.accounts[a].components_in = counts_in.components[a + 1];
+  if (options.region_of_interest) cut_to_region(labels, options, stats.accounts, context);
+  merge_and_drop(labels, stats.accounts, options.mesh_background);
   report_progress(context, kStage, 0.6);
-  const LatticeComponents kept =
-      remove_islands(ids, renumbering.label_of, options.min_island_voxels, result.stats);
+
+  stats.islands = remove_islands(labels, options.min_island_voxels);
+  stats.islands_removed = stats.islands.size();
+  stats.island_voxels = voxels_of(stats.islands);
+  stats.holes = fill_holes(labels, background_of(labels), options.min_hole_voxels);
+  stats.holes_filled = stats.holes.size();
+  stats.hole_voxels = voxels_of(stats.holes);
   report_progress(context, kStage, 0.9);
 
-  LabelVolume& labels = result.labels;
-  labels.label_of = renumbering.label_of;
+  const MaterialCounts counts_kept = count_materials(labels);
+  IdLookup id_of(labels.label_of);
+  for (LabelAccount& account : stats.accounts) {
+    const MaterialId id = id_of(account.label);
+    account.voxels_kept = counts_kept.voxels[id];
+    account.components_kept = counts_kept.components[id];
+  }
+  drop_empty_materials(labels, counts_kept, options);
+  // The region of interest, drops and islands may have emptied the rim.
+  crop(labels, padded_content(labels.ids, [](MaterialId m) { return m != kExterior; }));
   for (const Label label : labels.label_of)
     labels.name_of.push_back(name_of(label, options));
   labels.name_of[kExterior] = "exterior";
-  labels.input_dims = input.frame.dims;
-  labels.first_voxel = box.lo;
 
-  // Drops and islands may have emptied the rim.
-  const VoxelBox rest = padded_content(ids, [](MaterialId m) { return m != kExterior; });
-  if (rest.dims() != ids.frame.dims) {
-    for (int axis = 0; axis < 3; ++axis)
-      labels.first_voxel[axis] += rest.lo[axis];
-    ids = cut_out(ids, rest, [] { return [](MaterialId m) { return m; }; });
-  }
-  labels.ids = std::move(ids);
-
-  const std::size_t materials = labels.material_count();
-  const std::vector<std::size_t> components_kept = components_per_material(kept, materials);
-  std::vector<std::size_t> voxels_kept(materials, 0);
-  for (std::size_t c = 0; c < kept.component_count(); ++c) {
-    voxels_kept[kept.material_of[c]] += kept.voxels_of[c];
-  }
-  for (std::size_t c = 1; c < candidates.size(); ++c) {
-    LabelAccount account;
-    account.label = candidates[c];
-    account.name = name_of(account.label, options);
-    const auto count = counts.find(account.label);
-    account.voxels_in = count != counts.end() ? count->second : 0;
-    account.components_in = components_in[c];
-    const MaterialId id = renumbering.new_id[c];
-    account.is_dropped = id == kExterior || renumbering.label_of[id] != account.label;
-    if (!account.is_dropped) {
-      account.voxels_kept = voxels_kept[id];
-      account.components_kept = components_kept[id];
-    }
-    result.stats.accounts.push_back(account);
-  }
-  context.log->debug("labels: {} of {} x {} x {} voxels, {} materials, {} islands removed",
-                     labels.frame().size(), input.frame.dims[0], input.frame.dims[1],
-                     input.frame.dims[2], materials - 1, result.stats.islands_removed);
+  context.log->debug(
+      "labels: {} of {} x {} x {} voxels, {} materials, {} islands removed, {} holes filled",
+      labels.frame().size(), input.frame.dims[0], input.frame.dims[1], input.frame.dims[2],
+      labels.material_count() - 1, stats.islands_removed, stats.holes_filled);
   report_progress(context, kStage, 1);
   return result;
 }

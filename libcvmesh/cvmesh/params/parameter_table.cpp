@@ -68,11 +68,29 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .field = CVMESH_FIELD(clean_labels.min_island_voxels),
        .min = 1,
        .max = kLargestInteger},
+      {.key = "min_hole_voxels",
+       .unit = "voxels",
+       .doc = "Holes of the background that are smaller and do not touch the border of the volume "
+              "go to the neighbouring label; 0 fills none.",
+       .field = CVMESH_FIELD(clean_labels.min_hole_voxels),
+       .min = 0,
+       .max = kLargestInteger},
       {.key = "mesh_background",
        .doc = "Mesh label 0 like any other label.",
        .field = CVMESH_FIELD(clean_labels.mesh_background)},
+      {.key = "region_of_interest",
+       .unit = "voxels",
+       .doc = "First and last voxel of the part to mesh, [i0, j0, k0, i1, j1, k1], both included, "
+              "counted from 0; the volume ends there. null for all of it.",
+       .field = CVMESH_FIELD(clean_labels.region_of_interest),
+       .is_optional = true},
+      {.key = "merge_labels",
+       .doc =
+           "Labels that become another one before islands and holes are looked for, by the label "
+           "that stays: {\"2\": [3, 4]}.",
+       .field = CVMESH_FIELD(clean_labels.merge_labels)},
       {.key = "drop_labels",
-       .doc = "Labels that become background before anything else happens.",
+       .doc = "Labels that become background before islands and holes are looked for.",
        .field = CVMESH_FIELD(clean_labels.drop_labels)},
       {.key = "labels",
        .doc = "Names, radii and sizes of single labels, by label value: {\"2\": {\"name\": "

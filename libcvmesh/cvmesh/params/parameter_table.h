@@ -22,7 +22,9 @@ using ParameterField = std::variant<bool*,
                                     std::optional<std::string>*,
                                     Seeding*,
                                     OnDegenerate*,
+                                    std::optional<VoxelBox>*,
                                     std::vector<Label>*,
+                                    std::map<Label, std::vector<Label>>*,
                                     std::map<Label, LabelParameters>*>;
 
 /// One key of the parameter file. The parser, the JSON schema, the defaults and the messages all

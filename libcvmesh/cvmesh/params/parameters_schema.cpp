@@ -31,7 +31,8 @@ const char* type_name(const ParameterField& field) {
         else if constexpr (std::is_enum_v<Value> ||
                            std::is_same_v<Value, std::optional<std::string>>)
           return "string";
-        else if constexpr (std::is_same_v<Value, std::vector<Label>>)
+        else if constexpr (std::is_same_v<Value, std::vector<Label>> ||
+                           std::is_same_v<Value, std::optional<VoxelBox>>)
           return "array";
         else
           return "object";
@@ -69,6 +70,19 @@ Json label_entry() {
   return {{"type", "object"}, {"properties", properties}, {"additionalProperties", false}};
 }
 
+Json label_value() {
+  return {{"type", "integer"},
+          {"minimum", std::numeric_limits<Label>::min()},
+          {"maximum", std::numeric_limits<Label>::max()}};
+}
+
+/// Lets an object have label values as keys, each with a value that fits `entry`.
+void key_by_label(Json& schema, const Json& entry) {
+  schema["patternProperties"] = {{"^-?[0-9]+$", entry}};
+  schema["properties"] = {{"comment", {{"description", "Ignored."}}}};
+  schema["additionalProperties"] = false;
+}
+
 }  // namespace
 
 Json parameters_schema() {
@@ -79,12 +93,14 @@ Json parameters_schema() {
     properties[key] = property(info);
     properties[key]["default"] = defaults[key];
   }
-  properties["drop_labels"]["items"] = {{"type", "integer"},
-                                        {"minimum", std::numeric_limits<Label>::min()},
-                                        {"maximum", std::numeric_limits<Label>::max()}};
-  properties["labels"]["patternProperties"] = {{"^-?[0-9]+$", label_entry()}};
-  properties["labels"]["properties"] = {{"comment", {{"description", "Ignored."}}}};
-  properties["labels"]["additionalProperties"] = false;
+  Json& region = properties["region_of_interest"];
+  region["items"] = {
+      {"type", "integer"}, {"minimum", 0}, {"maximum", std::numeric_limits<int>::max()}};
+  region["minItems"] = region["maxItems"] = 6;
+  key_by_label(properties["merge_labels"],
+               {{"type", "array"}, {"items", label_value()}, {"minItems", 1}});
+  properties["drop_labels"]["items"] = label_value();
+  key_by_label(properties["labels"], label_entry());
   properties["comment"] = {{"description", "Ignored; for notes of any type."}};
 
   const Json both = {

@@ -153,6 +153,26 @@ std::vector<Label> read_label_list(const Place& place, const Json& value) {
   return labels;
 }
 
+/// Six numbers: the first voxel, then the last. Their order is checked against the volume.
+VoxelBox read_voxel_box(const Place& place, const Json& value) {
+  constexpr char kWanted[] = "the first and the last voxel, like [0, 0, 0, 63, 63, 31]";
+  if (!value.is_array()) refuse_type(place, value, kWanted);
+  if (value.size() != 6)
+    refuse(place.source, fmt::format("{} ({}) has {} numbers rather than 6; give {}", place.path,
+                                     value.dump(), value.size(), kWanted));
+  Place bounds = place;
+  bounds.min = 0;
+  bounds.max = std::numeric_limits<int>::max();
+  bounds.is_optional = false;
+  VoxelBox box;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    box.lo[axis] = read_integer<int>(bounds, value[axis]);
+    box.hi[axis] = read_integer<int>(bounds, value[axis + 3]);
+  }
+  return box;
+}
+
+std::map<Label, std::vector<Label>> read_label_merges(const Place& place, const Json& value);
 std::map<Label, LabelParameters> read_label_table(const Place& place, const Json& value);
 
 /// Reads `value` into the field of `owner` that `info` describes.
@@ -186,6 +206,10 @@ void read_parameter(const ParameterInfo<Owner>& info,
           *field = read_choice<Value>(place, value, info.choices);
         } else if constexpr (std::is_same_v<Value, std::vector<Label>>) {
           *field = read_label_list(place, value);
+        } else if constexpr (std::is_same_v<Value, std::optional<VoxelBox>>) {
+          *field = read_voxel_box(place, value);
+        } else if constexpr (std::is_same_v<Value, std::map<Label, std::vector<Label>>>) {
+          *field = read_label_merges(place, value);
         } else {
           *field = read_label_table(place, value);
         }
@@ -193,16 +217,17 @@ void read_parameter(const ParameterInfo<Owner>& info,
       info.field(owner));
 }
 
-/// The label that a key of "labels" names, as a JSON integer or null.
+/// The label that a key names, as a JSON integer or null.
 Json label_of_key(const std::string& key) {
   Label label = 0;
   const auto [end, error] = std::from_chars(key.data(), key.data() + key.size(), label);
   return error == std::errc() && end == key.data() + key.size() ? Json(label) : Json();
 }
 
-std::map<Label, LabelParameters> read_label_table(const Place& place, const Json& value) {
+/// Calls read_entry(label, place of the entry, entry) for each entry of an object keyed by label.
+template <typename ReadEntry>
+void read_by_label(const Place& place, const Json& value, const ReadEntry& read_entry) {
   if (!value.is_object()) refuse_type(place, value, "an object keyed by label value");
-  std::map<Label, LabelParameters> labels;
   for (const auto& [key, entry] : value.items()) {
     if (key == kCommentKey) continue;
     const Json label = label_of_key(key);
@@ -211,17 +236,34 @@ std::map<Label, LabelParameters> read_label_table(const Place& place, const Json
              fmt::format("{} key \"{}\" is not a label value; use the whole number that the label "
                          "has in the volume, like \"2\"",
                          place.path, key));
-    const std::string prefix = fmt::format("{}.{}.", place.path, key);
-    if (!entry.is_object())
-      refuse_type({place.source, place.path + "." + key, 0, 0, false, false}, entry,
-                  "an object like {\"epsilon\": 0.5}");
+    read_entry(label.get<Label>(), Place{place.source, place.path + "." + key, 0, 0, false, false},
+               entry);
+  }
+}
+
+std::map<Label, std::vector<Label>> read_label_merges(const Place& place, const Json& value) {
+  std::map<Label, std::vector<Label>> merges;
+  read_by_label(place, value, [&](Label label, const Place& entry_place, const Json& entry) {
+    // Two spellings of one label, "2" and "02", add up.
+    std::vector<Label>& sources = merges[label];
+    for (const Label source : read_label_list(entry_place, entry))
+      sources.push_back(source);
+  });
+  return merges;
+}
+
+std::map<Label, LabelParameters> read_label_table(const Place& place, const Json& value) {
+  std::map<Label, LabelParameters> labels;
+  read_by_label(place, value, [&](Label label, const Place& entry_place, const Json& entry) {
+    if (!entry.is_object()) refuse_type(entry_place, entry, "an object like {\"epsilon\": 0.5}");
+    const std::string prefix = entry_place.path + ".";
     LabelParameters parameters;
     for (const auto& [name, item] : entry.items())
       if (name != kCommentKey)
         read_parameter(find_info(label_parameter_table(), name, prefix, place.source), prefix, item,
                        place.source, parameters);
-    labels[label.get<Label>()] = parameters;
-  }
+    labels[label] = parameters;
+  });
   return labels;
 }
 
@@ -316,6 +358,15 @@ Json to_json_value(const ParameterInfo<Owner>& info, Owner& owner) {
                              std::is_same_v<Value, std::optional<std::size_t>> ||
                              std::is_same_v<Value, std::optional<std::string>>) {
           return *field ? Json(**field) : Json();
+        } else if constexpr (std::is_same_v<Value, std::optional<VoxelBox>>) {
+          if (!*field) return {};
+          const auto& [lo, hi] = **field;
+          return {lo[0], lo[1], lo[2], hi[0], hi[1], hi[2]};
+        } else if constexpr (std::is_same_v<Value, std::map<Label, std::vector<Label>>>) {
+          Json merges = Json::object();
+          for (const auto& [label, sources] : *field)
+            merges[std::to_string(label)] = sources;
+          return merges;
         } else {
           return *field;
         }

@@ -101,9 +101,9 @@ LabelVolume clean(Run& run, const InputVolume& volume) {
       [&] { return clean_labels(volume, run.request.parameters.clean_labels, run.context); },
       [](const CleanLabelsResult& r) {
         const auto& dims = r.labels.frame().dims;
-        return fmt::format("{} labels on {} x {} x {} voxels, {} islands removed",
+        return fmt::format("{} labels on {} x {} x {} voxels, {} islands removed, {} holes filled",
                            r.labels.material_count() - 1, dims[0], dims[1], dims[2],
-                           r.stats.islands_removed);
+                           r.stats.islands_removed, r.stats.holes_filled);
       });
   run.report.stages.labels = cleaned.stats;
   run.report.label_of = output_labels(cleaned.labels);

@@ -73,7 +73,7 @@ void add_material(const Report& report, std::size_t m, Json& entry) {
   }
 }
 
-/// One entry per label of the input that was to be meshed or dropped.
+/// One entry per label of the input, and per label that only merges brought.
 Json labels_json(const Report& report) {
   Json labels = Json::array();
   if (!report.stages.labels) return labels;
@@ -117,9 +117,7 @@ Json guarded_json(const std::vector<GuardedPlace>& places, const std::vector<Lab
 Json stages_json(const Report& report) {
   const StageResults& stages = report.stages;
   Json object = Json::object();
-  if (stages.labels)
-    object["labels"] = {{"islands_removed", stages.labels->islands_removed},
-                        {"island_voxels", stages.labels->island_voxels}};
+  add(object, "labels", stages.labels);
   add(object, "level_sets", stages.level_sets);
   add(object, "tightening", stages.tightening);
   if (stages.tightening)

@@ -14,7 +14,25 @@ void to_json(Json& json, const LabelAccount& account) {
           {"voxels_kept", account.voxels_kept},
           {"components_in", account.components_in},
           {"components_kept", account.components_kept},
-          {"is_dropped", account.is_dropped}};
+          {"merged_into", account.merged_into ? Json(*account.merged_into) : Json()},
+          {"is_dropped", account.is_dropped},
+          {"is_outside_region", account.is_outside_region}};
+}
+
+void to_json(Json& json, const RemovedComponent& component) {
+  json = {{"label", component.label},
+          {"voxels", component.voxels},
+          {"given_to", component.given_to},
+          {"first_voxel", component.first_voxel}};
+}
+
+void to_json(Json& json, const CleanLabelsStats& stats) {
+  json = {{"islands_removed", stats.islands_removed},
+          {"island_voxels", stats.island_voxels},
+          {"holes_filled", stats.holes_filled},
+          {"hole_voxels", stats.hole_voxels},
+          {"islands", stats.islands},
+          {"holes", stats.holes}};
 }
 
 void to_json(Json& json, const BuildLevelSetsStats& stats) {
