@@ -120,12 +120,12 @@ AxisMaps axis_maps(const std::array<int, 3>& native, const std::array<int, 3>& d
 
 std::array<int, 3> resampled_dims(const GridFrame& native, double spacing_mm) {
   require(spacing_mm > 0, ErrorCode::BadParameter, kStage,
-          "spacing_mm (" + format_number(spacing_mm) +
+          "grid_spacing_mm (" + format_number(spacing_mm) +
               ") must be greater than 0; the smallest spacing of the volume is " +
               format_number(auto_spacing_mm(native)));
   require(spacing_mm <= auto_spacing_mm(native) * (1 + kSpacingTolerance), ErrorCode::BadParameter,
           kStage,
-          "spacing_mm (" + format_number(spacing_mm) + ") exceeds the smallest spacing of the " +
+          "grid_spacing_mm (" + format_number(spacing_mm) + ") exceeds the smallest spacing of the " +
               "volume (" + format_number(auto_spacing_mm(native)) +
               "), and thin parts could be lost; lower it to that");
   std::array<double, 3> wished{};
@@ -134,7 +134,7 @@ std::array<int, 3> resampled_dims(const GridFrame& native, double spacing_mm) {
         native.dims[axis], std::round(native.dims[axis] * native.spacing_mm[axis] / spacing_mm));
   const double voxels = wished[0] * wished[1] * wished[2];
   require(voxels <= kMaxVoxels, ErrorCode::BadParameter, kStage,
-          "spacing_mm (" + format_number(spacing_mm) + ") makes a grid of " +
+          "grid_spacing_mm (" + format_number(spacing_mm) + ") makes a grid of " +
               format_number(voxels) + " voxels, more than " + std::to_string(kMaxVoxels) +
               "; raise it or crop the volume");
   return {static_cast<int>(wished[0]), static_cast<int>(wished[1]), static_cast<int>(wished[2])};

@@ -97,6 +97,16 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
               "\"cortical\", "
               "\"epsilon\": 0.5}}.",
        .field = CVMESH_FIELD(labels)},
+      {.key = "grid_spacing_mm",
+       .unit = "mm",
+       .doc = "Put the labels on an isotropic grid by shape-based interpolation before anything "
+              "else: a spacing no larger than the volume's smallest, or \"auto\" for that one. null "
+              "stays on the volume's grid. For thick slices; costs voxels.",
+       .field = CVMESH_FIELD(grid_spacing),
+       .min = 0,
+       .max = kMostMm,
+       .min_is_exclusive = true,
+       .is_optional = true},
       {.key = "min_edge_mm",
        .unit = "mm",
        .doc = "Lower bound of the surface edge length; null for none.",

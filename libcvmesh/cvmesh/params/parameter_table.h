@@ -23,6 +23,7 @@ using ParameterField = std::variant<bool*,
                                     Seeding*,
                                     OnDegenerate*,
                                     std::optional<VoxelBox>*,
+                                    std::optional<GridSpacing>*,
                                     std::vector<Label>*,
                                     std::map<Label, std::vector<Label>>*,
                                     std::map<Label, LabelParameters>*>;

@@ -18,6 +18,13 @@
 
 namespace cvmesh {
 
+/// Spacing of an isotropic working grid: a length, or ("auto") the smallest of the volume.
+struct GridSpacing {
+  bool is_auto = false;
+  double mm = 0;  ///< where it is not `is_auto`
+  friend bool operator==(const GridSpacing&, const GridSpacing&) = default;
+};
+
 /// What a parameter file may say about one label, under "labels": {"<value>": {...}}.
 struct LabelParameters {
   std::optional<std::string> name;
@@ -32,6 +39,8 @@ struct Parameters {
   /// Surface vertices wanted; cvmesh then finds the epsilon, and `sizing.epsilon` is not used.
   std::optional<std::size_t> target_vertices;
   std::map<Label, LabelParameters> labels;
+  /// Working grid of all stages between labels and metrics; empty for that of the volume.
+  std::optional<GridSpacing> grid_spacing;
 
   CleanLabelsOptions clean_labels;
   TightenOptions tighten;

@@ -26,7 +26,8 @@ const char* type_name(const ParameterField& field) {
                            std::is_same_v<Value, std::optional<std::size_t>>)
           return "integer";
         else if constexpr (std::is_same_v<Value, double> ||
-                           std::is_same_v<Value, std::optional<double>>)
+                           std::is_same_v<Value, std::optional<double>> ||
+                           std::is_same_v<Value, std::optional<GridSpacing>>)
           return "number";
         else if constexpr (std::is_enum_v<Value> ||
                            std::is_same_v<Value, std::optional<std::string>>)
@@ -97,6 +98,8 @@ Json parameters_schema() {
   region["items"] = {
       {"type", "integer"}, {"minimum", 0}, {"maximum", std::numeric_limits<int>::max()}};
   region["minItems"] = region["maxItems"] = 6;
+  properties["grid_spacing_mm"]["type"] = {"number", "string", "null"};
+  properties["grid_spacing_mm"]["pattern"] = "^auto$";
   key_by_label(properties["merge_labels"],
                {{"type", "array"}, {"items", label_value()}, {"minItems", 1}});
   properties["drop_labels"]["items"] = label_value();

@@ -172,6 +172,14 @@ VoxelBox read_voxel_box(const Place& place, const Json& value) {
   return box;
 }
 
+constexpr char kAuto[] = "auto";
+
+GridSpacing read_grid_spacing(const Place& place, const Json& value) {
+  if (value == kAuto) return {.is_auto = true};
+  if (!value.is_number()) refuse_type(place, value, "a number, or \"auto\"");
+  return {.is_auto = false, .mm = read_number(place, value)};
+}
+
 std::map<Label, std::vector<Label>> read_label_merges(const Place& place, const Json& value);
 std::map<Label, LabelParameters> read_label_table(const Place& place, const Json& value);
 
@@ -208,6 +216,8 @@ void read_parameter(const ParameterInfo<Owner>& info,
           *field = read_label_list(place, value);
         } else if constexpr (std::is_same_v<Value, std::optional<VoxelBox>>) {
           *field = read_voxel_box(place, value);
+        } else if constexpr (std::is_same_v<Value, std::optional<GridSpacing>>) {
+          *field = read_grid_spacing(place, value);
         } else if constexpr (std::is_same_v<Value, std::map<Label, std::vector<Label>>>) {
           *field = read_label_merges(place, value);
         } else {
@@ -362,6 +372,9 @@ Json to_json_value(const ParameterInfo<Owner>& info, Owner& owner) {
           if (!*field) return {};
           const auto& [lo, hi] = **field;
           return {lo[0], lo[1], lo[2], hi[0], hi[1], hi[2]};
+        } else if constexpr (std::is_same_v<Value, std::optional<GridSpacing>>) {
+          if (!*field) return {};
+          return (*field)->is_auto ? Json(kAuto) : Json((*field)->mm);
         } else if constexpr (std::is_same_v<Value, std::map<Label, std::vector<Label>>>) {
           Json merges = Json::object();
           for (const auto& [label, sources] : *field)

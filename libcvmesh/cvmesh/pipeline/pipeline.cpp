@@ -9,6 +9,7 @@
 #include "cvmesh/io/surface_writer.h"
 #include "cvmesh/io/tet_writer.h"
 #include "cvmesh/io/volume_reader.h"
+#include "cvmesh/levelset/resample_labels.h"
 #include "cvmesh/pipeline/check_mesh.h"
 #include "cvmesh/pipeline/find_epsilon.h"
 #include "cvmesh/pipeline/output_folder.h"
@@ -116,6 +117,24 @@ LabelVolume clean(Run& run, const InputVolume& volume) {
 /// The volume itself is given back as soon as the cleaned labels stand.
 LabelVolume read_and_clean(Run& run) {
   return clean(run, read(run));
+}
+
+/// The labels on the working grid that `grid_spacing_mm` asks for; nothing where it asks for none.
+std::optional<ResampleLabelsResult> resample(Run& run, const LabelVolume& native) {
+  const std::optional<GridSpacing>& spacing = run.request.parameters.grid_spacing;
+  if (!spacing) return std::nullopt;
+  const double mm = spacing->is_auto ? auto_spacing_mm(native.frame()) : spacing->mm;
+  ResampleLabelsResult resampled = run.stage.run(
+      stage_names::kResampling,
+      [&] { return resample_labels(native, {.spacing_mm = mm}, run.context); },
+      [](const ResampleLabelsResult& r) {
+        return fmt::format("{} x {} x {} voxels, {} moved, {} held by the topology",
+                           r.stats.dims[0], r.stats.dims[1], r.stats.dims[2],
+                           r.stats.nodes_changed, r.stats.nodes_held);
+      });
+  run.report.stages.resampling = resampled.stats;
+  run.mm_to_out = mm_to_space(resampled.labels.frame(), run.space);
+  return resampled;
 }
 
 /// The id of one of the user's labels, or nothing where it is not in the volume.
@@ -429,6 +448,25 @@ TetMesh fill(Run& run,
   return std::move(filled.tets);
 }
 
+void shift(std::vector<Vec3>& points, const Vec3& offset) {
+  for (Vec3& p : points)
+    p += offset;
+}
+
+/// From the grid mm of the working grid to those of the native one, where what is measured and
+/// written belongs.
+void move_to_native_grid(
+    Run& run, const LabelVolume& native, const Vec3& offset, InterfaceMesh& dense, TetMesh& tets) {
+  shift(dense.points, offset);
+  shift(tets.points, offset);
+  shift(tets.surface.points, offset);
+  for (GuardedPlace& place : run.report.stages.tightening->guarded)
+    place.position += offset;
+  for (KeptVertex& vertex : run.report.stages.decimation->kept)
+    vertex.position += offset;
+  run.mm_to_out = mm_to_space(native.frame(), run.space);
+}
+
 void measure(Run& run, const LabelVolume& labels, const InterfaceMesh& dense, const TetMesh& tets) {
   const std::size_t material_count = labels.material_count();
   Report& report = run.report;
@@ -472,17 +510,21 @@ void write(Run& run, const LabelVolume& labels, const TetMesh& tets) {
 }
 
 void run_stages(Run& run) {
-  const LabelVolume labels = read_and_clean(run);
-  warn_of_absent_labels(run, labels);
+  const LabelVolume native = read_and_clean(run);
+  warn_of_absent_labels(run, native);
+  std::optional<ResampleLabelsResult> resampled = resample(run, native);
+  const LabelVolume& labels = resampled ? resampled->labels : native;
   LevelSets level_sets = smooth_level_sets_of(run, labels);
-  const Dense dense = extract_dense(run, level_sets);
+  Dense dense = extract_dense(run, level_sets);
   MedialAxis medial_axis = medial_axis_of(run, labels, level_sets, dense);
   const Sampling sampling = sample_surfaces(run, labels, level_sets, dense, std::move(medial_axis));
   level_sets = {};  // the largest thing in memory, and nothing below reads it
   InterfaceMesh sparse = sparsen(run, labels, dense, sampling.particles);
-  const TetMesh tets = fill(run, labels, std::move(sparse), sampling.sizing_field);
-  measure(run, labels, dense.mesh, tets);
-  write(run, labels, tets);
+  TetMesh tets = fill(run, labels, std::move(sparse), sampling.sizing_field);
+  if (resampled) move_to_native_grid(run, native, resampled->offset_mm, dense.mesh, tets);
+  resampled.reset();
+  measure(run, native, dense.mesh, tets);
+  write(run, native, tets);
 }
 
 /// Any exception as an `Error` that names the stage.

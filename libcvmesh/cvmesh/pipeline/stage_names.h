@@ -7,6 +7,7 @@ namespace cvmesh::stage_names {
 inline constexpr char kRead[] = "read";
 inline constexpr char kLabels[] = "labels";
 
+inline constexpr char kResampling[] = "resampling";
 inline constexpr char kLevelSets[] = "level sets";
 inline constexpr char kTightening[] = "tightening";
 inline constexpr char kDenseSurfaces[] = "dense surfaces";

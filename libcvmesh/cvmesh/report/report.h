@@ -6,6 +6,7 @@
 #include "cvmesh/labels/clean_labels.h"
 #include "cvmesh/labels/lattice_topology.h"
 #include "cvmesh/levelset/build_level_sets.h"
+#include "cvmesh/levelset/resample_labels.h"
 #include "cvmesh/levelset/tighten.h"
 #include "cvmesh/medial/extract_medial_axis.h"
 #include "cvmesh/mesh/validate.h"
@@ -55,6 +56,7 @@ struct EpsilonSearch {
 /// The stats of every stage that has run; the others are empty.
 struct StageResults {
   std::optional<CleanLabelsStats> labels;
+  std::optional<ResampleLabelsStats> resampling;
   std::optional<BuildLevelSetsStats> level_sets;
   std::optional<TightenStats> tightening;
   std::optional<SurfaceSummary> dense_surfaces;

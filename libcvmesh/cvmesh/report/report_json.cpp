@@ -118,6 +118,7 @@ Json stages_json(const Report& report) {
   const StageResults& stages = report.stages;
   Json object = Json::object();
   add(object, "labels", stages.labels);
+  add(object, "resampling", stages.resampling);
   add(object, "level_sets", stages.level_sets);
   add(object, "tightening", stages.tightening);
   if (stages.tightening)

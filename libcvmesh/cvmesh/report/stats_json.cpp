@@ -35,6 +35,14 @@ void to_json(Json& json, const CleanLabelsStats& stats) {
           {"holes", stats.holes}};
 }
 
+void to_json(Json& json, const ResampleLabelsStats& stats) {
+  json = {{"dims", stats.dims},
+          {"spacing_mm", {stats.spacing_mm.x, stats.spacing_mm.y, stats.spacing_mm.z}},
+          {"nodes_wished", stats.nodes_wished},
+          {"nodes_changed", stats.nodes_changed},
+          {"nodes_held", stats.nodes_held}};
+}
+
 void to_json(Json& json, const BuildLevelSetsStats& stats) {
   json = {{"band_nodes", stats.band_nodes}, {"stored_bytes", stats.stored_bytes}};
 }

@@ -14,6 +14,7 @@ void to_json(nlohmann::ordered_json& json, const LabelAccount& account);
 void to_json(nlohmann::ordered_json& json, const RemovedComponent& component);
 /// Without the accounts, which go into the entries of their labels.
 void to_json(nlohmann::ordered_json& json, const CleanLabelsStats& stats);
+void to_json(nlohmann::ordered_json& json, const ResampleLabelsStats& stats);
 void to_json(nlohmann::ordered_json& json, const BuildLevelSetsStats& stats);
 void to_json(nlohmann::ordered_json& json, const TightenStats& stats);
 void to_json(nlohmann::ordered_json& json, const SurfaceSummary& summary);
