@@ -103,7 +103,7 @@ class Definition {
     for_each([&](const Node& at) {
       depth_(at[0], at[1], at[2]) = distance_where(at, [&](MaterialId m) { return m != of(at); });
     });
-    for_each([&](const Node& at) { ridge_(at[0], at[1], at[2]) = ridge_from(at); });
+    ridge_ = largest_along((across + 2) % 3, largest_along((across + 1) % 3, depth_));
   }
 
   // The label of the largest value at a node of `frame`, or nothing where two are about equal.
@@ -177,14 +177,21 @@ class Definition {
     return least;
   }
 
-  // The labels of these tests are convex in every plane, or all around one that is: a component is
-  // all there is of a label in a plane.
-  [[nodiscard]] double ridge_from(const Node& from) const {
-    double ridge = 0;
-    for_each_in_plane(from[across_], [&](const Node& to) {
-      if (of(to) == of(from)) ridge = std::max(ridge, depth_(to[0], to[1], to[2]));
+  // The largest value of a node's label within the clip along an axis; the clip is the most.
+  [[nodiscard]] Grid<double> largest_along(int axis, const Grid<double>& from) const {
+    Grid<double> result = from;
+    const int reach = static_cast<int>(std::ceil(clip_ / native_.frame.spacing_mm[axis]));
+    for_each([&](const Node& at) {
+      if (from(at[0], at[1], at[2]) > clip_ - 1e-6) return;
+      for (int step = -reach; step <= reach; ++step) {
+        Node other = at;
+        other[axis] += step;
+        if (native_.frame.contains(other[0], other[1], other[2]) && of(other) == of(at))
+          result(at[0], at[1], at[2]) =
+              std::max(result(at[0], at[1], at[2]), from(other[0], other[1], other[2]));
+      }
     });
-    return ridge;
+    return result;
   }
 
   const Labels& native_;

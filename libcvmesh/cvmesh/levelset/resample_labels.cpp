@@ -23,8 +23,8 @@
 // the wishes are carried out one lattice colour after another, each only where it is a simple
 // change at that moment, until none is left that can be.
 //
-// Distances are cut off at the least ridge of the components in the stencil, a ridge being the
-// largest depth of a component in its plane. What ends between two slices is then as far from its
+// Distances are cut off at the least ridge in the stencil, a ridge being the largest depth of a
+// node's label around it in its plane. What ends between two slices is then as far from its
 // next slice as it was deep, and ends half way, round; uncut, the label around it would be the
 // farther the larger it is, and eat what is thin.
 //
@@ -60,9 +60,6 @@ constexpr int kSlabPlanes = 32;
 // Every iteration but the last carries out a wish, so that the loop ends; scans need up to 8, since
 // a front advances several nodes while the colours take turns.
 constexpr int kMaxIterations = 200;
-
-// Ridge of a node whose component has not been found yet.
-constexpr float kUnseen = -1;
 
 std::string format_number(double value) {
   char text[32];
@@ -125,8 +122,9 @@ std::array<int, 3> resampled_dims(const GridFrame& native, double spacing_mm) {
               format_number(auto_spacing_mm(native)));
   require(spacing_mm <= auto_spacing_mm(native) * (1 + kSpacingTolerance), ErrorCode::BadParameter,
           kStage,
-          "grid_spacing_mm (" + format_number(spacing_mm) + ") exceeds the smallest spacing of the " +
-              "volume (" + format_number(auto_spacing_mm(native)) +
+          "grid_spacing_mm (" + format_number(spacing_mm) +
+              ") exceeds the smallest spacing of the " + "volume (" +
+              format_number(auto_spacing_mm(native)) +
               "), and thin parts could be lost; lower it to that");
   std::array<double, 3> wished{};
   for (int axis = 0; axis < 3; ++axis)
@@ -461,55 +459,37 @@ class WishFinder {
     return distance;
   }
 
-  // At every node the largest depth of its component: of the nodes of its label in its plane that
-  // it is connected with on the lattice.
+  // At every node the largest depth that its label has around it: within clip_ along one axis of
+  // the plane, then along the other. Nodes that are clip_ deep themselves need no look.
   [[nodiscard]] Field ridges_of(const Field& depth) const {
-    Field ridges(depth.box);
-    std::fill(ridges.values.begin(), ridges.values.end(), kUnseen);
-    parallel_for_each_index(
-        static_cast<std::size_t>(depth.box.begin[across_]),
-        static_cast<std::size_t>(depth.box.end[across_]),
-        [&](std::size_t index) {
-          NodeBox plane = depth.box;
-          plane.begin[across_] = static_cast<int>(index);
-          plane.end[across_] = plane.begin[across_] + 1;
-          std::vector<std::array<int, 3>> component;
-          for (int k = plane.begin[2]; k < plane.end[2]; ++k)
-            for (int j = plane.begin[1]; j < plane.end[1]; ++j)
-              for (int i = plane.begin[0]; i < plane.end[0]; ++i) {
-                if (ridges.at(i, j, k) != kUnseen) continue;
-                component.assign(1, {i, j, k});
-                set_ridge(plane, depth, component, ridges);
-              }
-        },
-        1);
+    Field along_one(depth.box), ridges(depth.box);
+    largest_along((across_ + 1) % 3, depth, along_one);
+    largest_along((across_ + 2) % 3, along_one, ridges);
     return ridges;
   }
 
-  // Grows a component from its first node and sets its ridge.
-  void set_ridge(const NodeBox& plane,
-                 const Field& depth,
-                 std::vector<std::array<int, 3>>& component,
-                 Field& ridges) const {
-    const auto [x, y, z] = component[0];
-    const MaterialId m = native_(x, y, z);
-    float ridge = 0;
-    ridges.at(x, y, z) = ridge;
-    for (std::size_t n = 0; n < component.size(); ++n) {
-      const auto at = component[n];
-      ridge = std::max(ridge, depth.at(at[0], at[1], at[2]));
-      for (const auto& step : kLinkSteps) {
-        if (step[across_] != 0) continue;
-        const std::array<int, 3> next{at[0] + step[0], at[1] + step[1], at[2] + step[2]};
-        if (!plane.contains(next) || native_(next[0], next[1], next[2]) != m) continue;
-        float& seen = ridges.at(next[0], next[1], next[2]);
-        if (seen != kUnseen) continue;
-        seen = 0;
-        component.push_back(next);
-      }
-    }
-    for (const auto& at : component)
-      ridges.at(at[0], at[1], at[2]) = ridge;
+  void largest_along(int axis, const Field& from, Field& to) const {
+    const int reach = static_cast<int>(std::ceil(clip_ / native_.frame.spacing_mm[axis]));
+    const NodeBox& box = from.box;
+    parallel_for_each_index(
+        0, box.row_count(),
+        [&](std::size_t row) {
+          const auto [j, k] = box.row_at(row);
+          for (std::array<int, 3> at{box.begin[0], j, k}; at[0] < box.end[0]; ++at[0]) {
+            const MaterialId m = native_(at[0], j, k);
+            float largest = from.at(at[0], j, k);
+            if (largest < clip_) {
+              std::array<int, 3> other = at;
+              const int last = std::min(at[axis] + reach, box.end[axis] - 1);
+              for (other[axis] = std::max(at[axis] - reach, box.begin[axis]); other[axis] <= last;
+                   ++other[axis])
+                if (native_(other[0], other[1], other[2]) == m)
+                  largest = std::max(largest, from.at(other[0], other[1], other[2]));
+            }
+            to.at(at[0], j, k) = largest;
+          }
+        },
+        64);
   }
 
   // The least ridge in the stencil of every node.

@@ -99,9 +99,10 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .field = CVMESH_FIELD(labels)},
       {.key = "grid_spacing_mm",
        .unit = "mm",
-       .doc = "Put the labels on an isotropic grid by shape-based interpolation before anything "
-              "else: a spacing no larger than the volume's smallest, or \"auto\" for that one. null "
-              "stays on the volume's grid. For thick slices; costs voxels.",
+       .doc =
+           "Put the labels on an isotropic grid by shape-based interpolation before anything "
+           "else: a spacing no larger than the volume's smallest, or \"auto\" for that one. null "
+           "stays on the volume's grid. For thick slices; costs voxels.",
        .field = CVMESH_FIELD(grid_spacing),
        .min = 0,
        .max = kMostMm,

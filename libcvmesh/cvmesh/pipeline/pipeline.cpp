@@ -129,8 +129,8 @@ std::optional<ResampleLabelsResult> resample(Run& run, const LabelVolume& native
       [&] { return resample_labels(native, {.spacing_mm = mm}, run.context); },
       [](const ResampleLabelsResult& r) {
         return fmt::format("{} x {} x {} voxels, {} moved, {} held by the topology",
-                           r.stats.dims[0], r.stats.dims[1], r.stats.dims[2],
-                           r.stats.nodes_changed, r.stats.nodes_held);
+                           r.stats.dims[0], r.stats.dims[1], r.stats.dims[2], r.stats.nodes_changed,
+                           r.stats.nodes_held);
       });
   run.report.stages.resampling = resampled.stats;
   run.mm_to_out = mm_to_space(resampled.labels.frame(), run.space);
