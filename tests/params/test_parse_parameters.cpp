@@ -50,9 +50,9 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
     "min_island_voxels": 10, "min_hole_voxels": 4, "mesh_background": true,
     "region_of_interest": [1, 2, 3, 40, 50, 6e1],
     "merge_labels": {"2": [4, 3, 4], "-7": [8], "comment": "x"}, "drop_labels": [5, -2, 5],
-    "labels": {"2": {"name": "bone", "epsilon": 0.5, "max_edge_mm": 3, "comment": 0},
+    "labels": {"2": {"name": "bone", "r": 2, "epsilon": 0.5, "max_edge_mm": 3, "comment": 0},
                "comment": "x"},
-    "min_edge_mm": 0.5, "max_edge_mm": null, "seeding": "dense", "particle_sweeps": 4e1,
+    "grid_spacing_mm": "auto", "min_edge_mm": 0.5, "max_edge_mm": null, "seeding": "dense", "particle_sweeps": 4e1,
     "deviation_vox": 0.5, "on_degenerate": "fail", "flip_passes": 3, "interior_growth": 0,
     "tetgen_memory_limit_mb": 512})");
   CHECK(p.tighten.r_vox == 0.5);
@@ -66,6 +66,8 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
   CHECK(p.clean_labels.merge_labels == std::map<Label, std::vector<Label>>{{-7, {8}}, {2, {3, 4}}});
   CHECK(p.clean_labels.drop_labels == std::vector<Label>{-2, 5});
   CHECK(p.clean_labels.names.at(2) == "bone");
+  CHECK(p.grid_spacing == GridSpacing{.is_auto = true, .mm = 0});
+  CHECK(p.labels.at(2).r == 2.0);
   CHECK(p.labels.at(2).epsilon == 0.5);
   CHECK(p.labels.at(2).max_edge_mm == 3.0);
   CHECK_FALSE(p.labels.at(2).min_edge_mm);
@@ -244,4 +246,19 @@ TEST_CASE("parameters_schema: describes each key of the table with its default",
   const Json& merges = schema["properties"]["merge_labels"];
   CHECK(merges["additionalProperties"] == false);
   CHECK(merges["patternProperties"]["^-?[0-9]+$"]["items"]["type"] == "integer");
+}
+
+TEST_CASE("parse_parameters: grid_spacing_mm is a length, \"auto\" or nothing", "[params][unit]") {
+  CHECK_FALSE(parse(R"({"grid_spacing_mm": null})").grid_spacing);
+  CHECK(parse(R"({"grid_spacing_mm": 0.7})").grid_spacing ==
+        GridSpacing{.is_auto = false, .mm = 0.7});
+  CHECK(
+      refusal(R"({"grid_spacing_mm": "fine"})") ==
+      "parameters: p.json: grid_spacing_mm (\"fine\") is a string; give a number, or \"auto\", or "
+      "null for \"not set\"");
+  CHECK(refusal(R"({"grid_spacing_mm": 0})").find("must be greater than 0") != std::string::npos);
+  for (const char* text : {R"({"grid_spacing_mm": "auto"})", R"({"grid_spacing_mm": 0.7})"}) {
+    const Parameters p = parse(text);
+    CHECK(parse(parameters_to_json(p).dump().c_str()).grid_spacing == p.grid_spacing);
+  }
 }

@@ -15,6 +15,7 @@
 #include "support/volume_file.h"
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -130,6 +131,59 @@ TEST_CASE("run_pipeline: stages are kept on demand", "[pipeline][unit]") {
   CHECK(names_in(folder / "out/stages") ==
         std::vector<std::string>{"augmented.off", "dense.off", "medial_axis.vtp", "particles.vtp",
                                  "sizing_field.vtp", "sparse.off"});
+}
+
+TEST_CASE("run_pipeline: thick slices on a finer working grid stay where they are",
+          "[pipeline][unit]") {
+  // A ball of 8 mm in slices of 3 mm, turned and moved in the world. What is written is in the
+  // world, what is measured against the voxels of the file.
+  const test_data::TemporaryFolder folder;
+  InputVolume volume = phantoms::ball(8, {1, 1, 3});
+  const double c = std::cos(0.4), s = std::sin(0.4);
+  const Affine turn{{Vec3{c, -s, 0}, Vec3{s, c, 0}, Vec3{0, 0, 1}}, {30, -20, 10}};
+  const Affine before = volume.frame.index_to_world;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      volume.frame.index_to_world.rows[i][j] = turn.rows[i].x * before.rows[0][j] +
+                                               turn.rows[i].y * before.rows[1][j] +
+                                               turn.rows[i].z * before.rows[2][j];
+  volume.frame.index_to_world.offset = turn(before.offset);
+  write_volume_file(folder / "a.nii", volume);
+
+  RunRequest request = request_for(folder / "a.nii", folder / "out");
+  request.parameters.sizing.epsilon = 0.4;
+  request.parameters.grid_spacing = GridSpacing{.is_auto = true};
+  const Report report = run_pipeline(request, silent_context()).report;
+  REQUIRE(report.stages.resampling);
+  CHECK(report.stages.resampling->spacing_mm.z == Approx(1).margin(0.05));
+  CHECK(report.checks->topology_as_lattice14);
+  CHECK(report.checks->tets_are_valid == true);
+  CHECK(std::abs(report.volumes[1].relative_error) < 0.1);
+  CHECK(report.distances->to_labels.overall.voxels.mean_symmetric() < 0.4);
+
+  // The vertices of the mesh lie around the ball's centre in the world.
+  std::ifstream mesh(folder / "out" / "a.mesh");
+  std::string word;
+  while (mesh >> word && word != "Vertices") {
+  }
+  std::size_t count = 0;
+  mesh >> count;
+  REQUIRE(count > 100);
+  Vec3 lo{1e9, 1e9, 1e9}, hi{-1e9, -1e9, -1e9};
+  for (std::size_t n = 0; n < count; ++n) {
+    Vec3 p;
+    int reference = 0;
+    mesh >> p.x >> p.y >> p.z >> reference;
+    for (int axis = 0; axis < 3; ++axis) {
+      lo[axis] = std::min(lo[axis], p[axis]);
+      hi[axis] = std::max(hi[axis], p[axis]);
+    }
+  }
+  const Vec3 centre{30, -20, 10};
+  for (int axis = 0; axis < 3; ++axis) {
+    CHECK(0.5 * (lo[axis] + hi[axis]) == Approx(centre[axis]).margin(0.3));
+    CHECK(hi[axis] - lo[axis] == Approx(16).margin(1.2));
+  }
 }
 
 TEST_CASE("run_pipeline: target_vertices is met within two percent", "[pipeline][unit]") {
