@@ -47,11 +47,12 @@ def ensure_display():
     """Debian's VTK draws through X only: without a display, start again inside a virtual one."""
     if os.environ.get("DISPLAY"):
         return
+    script = os.path.abspath(sys.argv[0])
     if shutil.which("xvfb-run") is None:
-        sys.exit("render_mesh.py: no display and no xvfb-run; "
+        sys.exit(f"{os.path.basename(script)}: no display and no xvfb-run; "
                  "run scripts/install_dependencies.sh --rendering")
     os.execvp("xvfb-run", ["xvfb-run", "-a", "-s", "-screen 0 1600x1200x24", sys.executable,
-                           os.path.abspath(__file__)] + sys.argv[1:])
+                           script] + sys.argv[1:])
 
 
 def unit(vector):
