@@ -13,7 +13,9 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <numbers>
+#include <utility>
 
 using namespace cvmesh;
 using label_grids::Labels;
@@ -305,11 +307,11 @@ TEST_CASE("tighten: a label's own radius rules its boundary", "[levelset][unit]"
   CHECK(result.stats.nodes_changed == changed[1]);
 }
 
-TEST_CASE("tighten: below 0.8 a smaller radius smooths less, and 0 not at all",
-          "[levelset][unit]") {
-  const Labels labels = label_grids::ball(8, {0.37, -0.21, 0.11});
-  const Vec3 centre = label_grids::ball_centre(8, {0.37, -0.21, 0.11});
-  const auto rms = [&](double r) {
+TEST_CASE("tighten: below 0.8 a smaller radius smooths less", "[levelset][unit]") {
+  const Vec3 shift{0.37, -0.21, 0.11};
+  const Labels labels = label_grids::ball(8, shift);
+  const Vec3 centre = label_grids::ball_centre(8, shift);
+  const auto normal_deg = [&](double r) {
     SurfaceError error;
     Smooth s{tightened(labels, r), {}};
     s.mesh = extract_interfaces(s.level_sets, silent_context());
@@ -320,8 +322,50 @@ TEST_CASE("tighten: below 0.8 a smaller radius smooths less, and 0 not at all",
     });
     return error.normal_deg();
   };
-  CHECK(rms(0.8) < rms(0.4));
-  CHECK(rms(0.4) < rms(0.2));
+  CHECK(normal_deg(0.8) < normal_deg(0.4));
+  CHECK(normal_deg(0.4) < normal_deg(0.2));
+}
+
+TEST_CASE("tighten: where materials meet the smaller radius rules, also beside a third",
+          "[levelset][unit]") {
+  // Two halves of a ball in a third material: a radius of 0 for one half leaves its boundary rough,
+  // the flat face included, wherever blocks begin; the other half's own boundary stays smooth.
+  const Vec3 shift{0.37, -0.21, 0.11};
+  Labels labels = label_grids::ball(9, shift);
+  const Vec3 centre = label_grids::ball_centre(9, shift);
+  const Vec3 tilt = normalized(Vec3{1, 0.13, 0.08});
+  for (int k = 0; k < labels.frame.dims[2]; ++k)
+    for (int j = 0; j < labels.frame.dims[1]; ++j)
+      for (int i = 0; i < labels.frame.dims[0]; ++i)
+        if (labels(i, j, k) == 1 && dot(Vec3{double(i), double(j), double(k)} - centre, tilt) > 0)
+          labels(i, j, k) = 2;
+  const auto roughness = [&](std::map<MaterialId, double> r_vox_of) {
+    TightenOptions options;
+    options.r_vox_of = std::move(r_vox_of);
+    const auto mesh = extract_interfaces(
+        tighten(built(labels), options, silent_context()).level_sets, silent_context());
+    std::map<PatchKey, std::pair<double, double>> sums;  // squares, count
+    for (std::size_t f = 0; f < mesh.facets.size(); ++f) {
+      const PatchKey key = mesh.patch_of[f];
+      for (const auto v : mesh.facets[f]) {
+        const Vec3 q = mesh.points[v] - centre;
+        const double d = key.sides.outside == 0 ? norm(q) - 9 : dot(q, tilt);
+        if (key.sides.outside == 0 && std::abs(dot(q, tilt)) < 3) continue;  // away from the rim
+        if (key.sides.outside != 0 && norm(q) > 6) continue;
+        sums[key].first += d * d;
+        sums[key].second += 1;
+      }
+    }
+    std::map<PatchKey, double> rms;
+    for (const auto& [key, sum] : sums)
+      rms[key] = std::sqrt(sum.first / sum.second);
+    return rms;
+  };
+  auto smooth = roughness({}), mixed = roughness({{1, 0.0}});
+  const PatchKey own{{1, 0}, 0}, other{{2, 0}, 0}, face{{2, 1}, 0};
+  CHECK(mixed[own] > 1.2 * smooth[own]);
+  CHECK(mixed[face] > 1.2 * smooth[face]);
+  CHECK(mixed[other] < 1.2 * smooth[other]);
 }
 
 TEST_CASE("tighten: a plane of nodes stays a plane half way between them", "[levelset][unit]") {

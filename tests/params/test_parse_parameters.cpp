@@ -66,7 +66,7 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
   CHECK(p.clean_labels.merge_labels == std::map<Label, std::vector<Label>>{{-7, {8}}, {2, {3, 4}}});
   CHECK(p.clean_labels.drop_labels == std::vector<Label>{-2, 5});
   CHECK(p.clean_labels.names.at(2) == "bone");
-  CHECK(p.grid_spacing == GridSpacing{.is_auto = true, .mm = 0});
+  CHECK(p.grid_spacing_mm == GridSpacing{.is_auto = true, .mm = 0});
   CHECK(p.labels.at(2).r == 2.0);
   CHECK(p.labels.at(2).epsilon == 0.5);
   CHECK(p.labels.at(2).max_edge_mm == 3.0);
@@ -249,8 +249,8 @@ TEST_CASE("parameters_schema: describes each key of the table with its default",
 }
 
 TEST_CASE("parse_parameters: grid_spacing_mm is a length, \"auto\" or nothing", "[params][unit]") {
-  CHECK_FALSE(parse(R"({"grid_spacing_mm": null})").grid_spacing);
-  CHECK(parse(R"({"grid_spacing_mm": 0.7})").grid_spacing ==
+  CHECK_FALSE(parse(R"({"grid_spacing_mm": null})").grid_spacing_mm);
+  CHECK(parse(R"({"grid_spacing_mm": 0.7})").grid_spacing_mm ==
         GridSpacing{.is_auto = false, .mm = 0.7});
   CHECK(
       refusal(R"({"grid_spacing_mm": "fine"})") ==
@@ -259,6 +259,6 @@ TEST_CASE("parse_parameters: grid_spacing_mm is a length, \"auto\" or nothing", 
   CHECK(refusal(R"({"grid_spacing_mm": 0})").find("must be greater than 0") != std::string::npos);
   for (const char* text : {R"({"grid_spacing_mm": "auto"})", R"({"grid_spacing_mm": 0.7})"}) {
     const Parameters p = parse(text);
-    CHECK(parse(parameters_to_json(p).dump().c_str()).grid_spacing == p.grid_spacing);
+    CHECK(parse(parameters_to_json(p).dump().c_str()).grid_spacing_mm == p.grid_spacing_mm);
   }
 }

@@ -152,7 +152,7 @@ TEST_CASE("run_pipeline: thick slices on a finer working grid stay where they ar
 
   RunRequest request = request_for(folder / "a.nii", folder / "out");
   request.parameters.sizing.epsilon = 0.4;
-  request.parameters.grid_spacing = GridSpacing{.is_auto = true};
+  request.parameters.grid_spacing_mm = GridSpacing{.is_auto = true};
   const Report report = run_pipeline(request, silent_context()).report;
   REQUIRE(report.stages.resampling);
   CHECK(report.stages.resampling->spacing_mm.z == Approx(1).margin(0.05));

@@ -204,8 +204,6 @@ void check_merges(const CleanLabelsOptions& options, const Counts<Label>& counts
 void check_input(const InputVolume& input,
                  const Counts<Label>& counts,
                  const CleanLabelsOptions& options) {
-  require(input.frame.size() > 0 && input.values.size() == input.frame.size(), ErrorCode::BadInput,
-          kStage, "the label volume has no voxels");
   require(counts.size() >= 2, ErrorCode::BadInput, kStage,
           "all voxels have the label " + std::to_string(counts.begin()->first) +
               "; a mesh needs at least two labels (0 is the exterior)");
@@ -407,6 +405,8 @@ CleanLabelsResult clean_labels(const InputVolume& input,
   CleanLabelsResult result;
   LabelVolume& labels = result.labels;
   CleanLabelsStats& stats = result.stats;
+  require(input.frame.size() > 0 && input.values.size() == input.frame.size(), ErrorCode::BadInput,
+          kStage, "the label volume has no voxels");
   const Counts<Label> counts = count_values(input);
   check_input(input, counts, options);
   stats.accounts = open_accounts(counts, options);

@@ -15,14 +15,15 @@ using InputVolume = Grid<Label>;
 
 /// Labels on the working grid, as all stages see them.
 ///
-/// The working grid is the input cropped to its content plus padding. Where the content reaches
-/// the border of the input, the crop ends there and the box face (half a voxel outside the last
-/// voxel centres) becomes a plane of the mesh.
+/// The grid is that of the input, cropped to its content plus padding; where it was resampled, a
+/// finer one over the same box. Where the content reaches the border of the input or of the region
+/// of interest, the crop ends there and the box face (half a voxel outside the last voxel centres)
+/// becomes a plane of the mesh.
 struct LabelVolume {
   Grid<MaterialId> ids;                     ///< 0 exterior; `ids.frame` is the working grid
   std::vector<Label> label_of;              ///< material id -> user label; [0] stands for exterior
   std::vector<std::string> name_of;         ///< material id -> name for files and reports
-  std::array<int, 3> first_voxel{0, 0, 0};  ///< input index of the working grid's first voxel
+  std::array<int, 3> first_voxel{0, 0, 0};  ///< input index of the first voxel of the crop
   std::array<int, 3> input_dims{0, 0, 0};   ///< dims of the input volume
 
   /// Number of materials, the exterior included.

@@ -26,6 +26,12 @@ inline constexpr std::array<std::array<int, 3>, 14> kLinkSteps{{{1, 0, 0},
                                                                 {0, -1, -1},
                                                                 {-1, -1, -1}}};
 
+/// One of eight colours; nodes of one colour are never neighbours on the lattice, so that changes
+/// of them do not see each other.
+constexpr int lattice_colour(int i, int j, int k) {
+  return (i & 1) | (j & 1) << 1 | (k & 1) << 2;
+}
+
 /// True when node (i, j, k) may take material `to` without a change of topology: the voxels of
 /// every material, the exterior included, keep components, tunnels and cavities on the 14-neighbour
 /// lattice, and no two materials touch that did not touch around the node before.

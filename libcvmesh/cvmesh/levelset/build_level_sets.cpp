@@ -13,8 +13,8 @@ namespace {
 constexpr int kBlock = BlockTable::kBlock;
 constexpr int kBlockNodes = BlockTable::kBlockNodes;
 
-// Reach of the truncated Gaussian, and of a material: at four sigma its tail is below the rounding
-// of the distances that are made of it.
+// Reach of the truncated Gaussian, and of a material: at four sigma its tail moves the distances
+// that are made of it by less than a hundredth of a voxel.
 constexpr int kReach = 4;
 constexpr int kPadded = kBlock + 2 * kReach;
 

@@ -5,6 +5,7 @@
 #include "cvmesh/core/vec3.h"
 #include "cvmesh/labels/simple_change.h"
 #include "cvmesh/levelset/distance_transform.h"
+#include "cvmesh/levelset/level_sets.h"
 
 #include <spdlog/spdlog.h>
 
@@ -31,8 +32,8 @@
 namespace cvmesh {
 namespace {
 
-constexpr int kBlock = 8;
-constexpr int kBlockNodes = kBlock * kBlock * kBlock;
+constexpr int kBlock = BlockTable::kBlock;
+constexpr int kBlockNodes = BlockTable::kBlockNodes;
 
 // An opening reaches half a voxel beyond its balls of nodes: the boundary of a material lies half a
 // voxel outside its outermost nodes. Without it the lattice takes twice what a ball would.
@@ -60,8 +61,7 @@ struct StageProgress {
   }
 };
 
-// ---- obstacles
-// -----------------------------------------------------------------------------------
+// ---- obstacles ----------------------------------------------------------------------------
 
 // A material's bounding box in the grid, grown; it may stick out of the grid, whose border nodes
 // are repeated there.
@@ -362,8 +362,7 @@ class Obstacles {
   std::vector<MaterialBox> boxes_;
 };
 
-// ---- flow
-// ----------------------------------------------------------------------------------------
+// ---- flow ---------------------------------------------------------------------------------
 
 // Half of a symmetric kernel: weight of the nodes at distance 0, 1, ... along one axis.
 using HalfKernel = std::vector<float>;
@@ -549,11 +548,6 @@ class Flow {
   std::array<int, 3> reach_{}, padded_{};
 };
 
-// Nodes whose coordinates have the parities of one colour are never neighbours on the lattice.
-int colour_of(const std::array<int, 3>& at) {
-  return (at[0] & 1) | (at[1] & 1) << 1 | (at[2] & 1) << 2;
-}
-
 // Carries out the wishes that are simple changes, colour after colour; the others stay in
 // `refused` of their blocks. Returns which blocks have changed nodes.
 std::vector<std::uint8_t> carry_out(std::vector<std::vector<Wish>>& wishes,
@@ -568,7 +562,7 @@ std::vector<std::uint8_t> carry_out(std::vector<std::vector<Wish>>& wishes,
           Block& block = grid.blocks[block_of[w]];
           for (const Wish& wish : wishes[w]) {
             const auto at = place_in(block, wish.offset);
-            if (colour_of(at) != colour) continue;
+            if (lattice_colour(at[0], at[1], at[2]) != colour) continue;
             if (is_simple_change(labels, at[0], at[1], at[2], wish.material)) {
               labels(at[0], at[1], at[2]) = wish.material;
               has_changed[w] = 1;
@@ -611,24 +605,24 @@ bool advance(Flow& flow, BlockGrid& grid) {
   return is_moving;
 }
 
-// What the guard held when nothing moved any more, block by block and material by material.
-void list_guarded(const BlockGrid& grid,
-                  const Grid<MaterialId>& labels,
-                  std::vector<GuardedPlace>& places) {
-  for (const Block& block : grid.blocks) {
-    std::map<MaterialId, GuardedPlace> of_material;
-    for (const Wish& wish : block.refused) {
-      const auto at = place_in(block, wish.offset);
+// By block and material.
+using GuardedPlaces = std::map<std::pair<std::size_t, MaterialId>, GuardedPlace>;
+
+// What the guard held when a flow ended; a later flow has the last word on a place.
+void list_guarded(const BlockGrid& grid, const Grid<MaterialId>& labels, GuardedPlaces& places) {
+  GuardedPlaces found;
+  for (std::size_t b = 0; b < grid.blocks.size(); ++b)
+    for (const Wish& wish : grid.blocks[b].refused) {
+      const auto at = place_in(grid.blocks[b], wish.offset);
       const MaterialId m = labels(at[0], at[1], at[2]);
-      GuardedPlace& place = of_material[m];
+      GuardedPlace& place = found[{b, m}];
       place.material = m;
       place.position += labels.frame.index_to_mm({double(at[0]), double(at[1]), double(at[2])});
       ++place.nodes;
     }
-    for (auto& [m, place] : of_material) {
-      place.position = place.position / static_cast<double>(place.nodes);
-      places.push_back(place);
-    }
+  for (auto& [key, place] : found) {
+    place.position = place.position / static_cast<double>(place.nodes);
+    places[key] = place;
   }
 }
 
@@ -638,7 +632,8 @@ void flow_at(double r_vox,
              const std::vector<bool>& may_move,
              int max_iterations,
              const StageProgress& progress,
-             GuardedFlowResult& result) {
+             GuardedFlowResult& result,
+             GuardedPlaces& guarded) {
   BlockGrid grid(original.frame);
   Obstacles(original, may_move, r_vox).find_entries(grid, progress);
   Flow flow(original, std::move(result.labels), may_move, r_vox);
@@ -650,7 +645,8 @@ void flow_at(double r_vox,
   }
   result.iterations += iteration;
   result.labels = std::move(flow.labels);
-  list_guarded(grid, result.labels, result.guarded);
+  progress.report(1);
+  list_guarded(grid, result.labels, guarded);
 }
 
 }  // namespace
@@ -664,17 +660,20 @@ GuardedFlowResult guarded_flow(const Grid<MaterialId>& labels,
   radii.erase(radii.begin(), radii.lower_bound(1));
   GuardedFlowResult result;
   result.labels = labels;
+  GuardedPlaces guarded;
   double done = 0;
   for (const double r : radii) {
     std::vector<bool> may_move(r_vox.size());
     for (std::size_t m = 0; m < r_vox.size(); ++m)
       may_move[m] = r_vox[m] >= r;
     const double next = done + last_progress / static_cast<double>(radii.size());
-    flow_at(r, labels, may_move, max_iterations, {context, done, next}, result);
+    flow_at(r, labels, may_move, max_iterations, {context, done, next}, result, guarded);
     done = next;
   }
-  for (const GuardedPlace& place : result.guarded)
+  for (const auto& [key, place] : guarded) {
+    result.guarded.push_back(place);
     result.nodes_guarded += place.nodes;
+  }
   std::stable_sort(result.guarded.begin(), result.guarded.end(),
                    [](const GuardedPlace& a, const GuardedPlace& b) { return a.nodes > b.nodes; });
   for (std::size_t n = 0; n < labels.values.size(); ++n)

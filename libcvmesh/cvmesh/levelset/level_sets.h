@@ -52,7 +52,8 @@ struct BlockTable {
 };
 
 /// The level sets of all materials on one grid, in a narrow band only: values are signed distances
-/// in units of 3 voxels (steps of the grid), positive inside, clamped to [-1, 1].
+/// in units of 3 voxels (steps of the grid), positive inside, clamped to [-1, 1]. Before they are
+/// smoothed, and where r is 0, they are blurred indicators instead, with the same signs.
 ///
 /// At every node the own label's value is positive and every other negative, so `argmax` of the
 /// values is the label: the topology of any surface extracted from node labels is fixed, whatever

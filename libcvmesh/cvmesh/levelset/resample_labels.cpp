@@ -134,7 +134,8 @@ std::array<int, 3> resampled_dims(const GridFrame& native, double spacing_mm) {
   require(voxels <= kMaxVoxels, ErrorCode::BadParameter, kStage,
           "grid_spacing_mm (" + format_number(spacing_mm) + ") makes a grid of " +
               format_number(voxels) + " voxels, more than " + std::to_string(kMaxVoxels) +
-              "; raise it or crop the volume");
+              (spacing_mm < auto_spacing_mm(native) ? "; raise it or crop the volume"
+                                                    : "; crop the volume, or set it to null"));
   return {static_cast<int>(wished[0]), static_cast<int>(wished[1]), static_cast<int>(wished[2])};
 }
 
@@ -186,12 +187,6 @@ struct NodeBox {
     return static_cast<std::size_t>(end[1] - begin[1]) * (end[2] - begin[2]);
   }
 
-  [[nodiscard]] bool contains(const std::array<int, 3>& at) const {
-    for (int axis = 0; axis < 3; ++axis)
-      if (at[axis] < begin[axis] || at[axis] >= end[axis]) return false;
-    return true;
-  }
-
   // The y and z of a row of the box.
   [[nodiscard]] std::array<int, 2> row_at(std::size_t row) const {
     const auto ny = static_cast<std::size_t>(end[1] - begin[1]);
@@ -215,10 +210,6 @@ struct Wish {
 
 // By lattice colour; nodes of one colour are never neighbours.
 using WishLists = std::array<std::vector<Wish>, 8>;
-
-int colour_of(int i, int j, int k) {
-  return (i & 1) | (j & 1) << 1 | (k & 1) << 2;
-}
 
 // The last of the axes with the largest spacing: scans are stacked along z.
 int coarsest_axis(const Vec3& spacing_mm) {
@@ -274,7 +265,7 @@ class WishFinder {
       for (const Seat& seat : election.rows[row]) {
         const std::size_t node = start_.frame.linear(seat.i, j, k);
         if (seat.material != start_.values[node])
-          wishes[colour_of(seat.i, j, k)].push_back(
+          wishes[lattice_colour(seat.i, j, k)].push_back(
               {static_cast<std::uint32_t>(node), seat.material});
       }
     }

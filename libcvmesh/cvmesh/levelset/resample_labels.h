@@ -49,7 +49,8 @@ struct ResampleLabelsResult {
 /// @throws Error BadParameter when spacing_mm is not positive, exceeds the smallest spacing of
 ///         `labels` by more than a thousandth, or makes a grid of more than 2^31 - 1 voxels (nodes
 ///         are numbered by 32 bits); Limit when cancelled
-/// @note   Linear in the voxels of both grids. Memory beside the two grids: 8 bytes per wish and
+/// @note   Linear in the voxels of both grids and of the labels' boxes. Memory beside the two
+/// grids: 8 bytes per wish and
 ///         about 20 bytes per voxel of 33 native planes, where labels take turns, and 16 per node
 ///         between them that has two labels around it.
 ResampleLabelsResult resample_labels(const LabelVolume& labels,

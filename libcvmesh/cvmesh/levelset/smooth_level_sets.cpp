@@ -59,18 +59,18 @@ constexpr int kCorrections = 5;
 constexpr float kThinGain = 1;
 constexpr float kLargestMove = 0.5F, kFarthestDistance = 6;
 
-// Sums over windows are kept in cells of 4^3 nodes. Standard deviations of the windows, in cells:
+// Sums over windows are kept in bricks of 4^3 nodes. Standard deviations of the windows, in bricks:
 // wide enough for stairs to cancel, narrow against what the boundary follows.
-constexpr int kCell = 4;
-constexpr int kCellsPerBlock = 8;
+constexpr int kBrick = 4;
+constexpr int kBricksPerBlock = 8;
 constexpr float kWindowSigma = 0.7F;
 constexpr int kWindowReach = 2;
 constexpr float kLeastWeight = 0.05F;  // of a window: nodes, or voxels per voxel
 
 constexpr int kSweepHalo = 2;  // of the bilaplacian
 
-std::size_t cell_in_block(int i, int j, int k) {
-  return static_cast<std::size_t>((k / kCell * 2 + j / kCell) * 2 + i / kCell);
+std::size_t brick_in_block(int i, int j, int k) {
+  return static_cast<std::size_t>((k / kBrick * 2 + j / kBrick) * 2 + i / kBrick);
 }
 
 // The inverse error function for |x| < 0.999 [Giles 2012].
@@ -99,16 +99,16 @@ float distance_of(float indicator) {
                                          : std::sqrt(2.0F) * inverse_erf(indicator);
 }
 
-// Sums over the cells of all slots: `odd` changes its sign with the field, `even` does not.
-struct CellSums {
+// Sums over the bricks of all slots: `odd` changes its sign with the field, `even` does not.
+struct BrickSums {
   std::vector<float> odd, even;
 
-  explicit CellSums(std::size_t slots)
-      : odd(slots * kCellsPerBlock), even(slots * kCellsPerBlock) {}
+  explicit BrickSums(std::size_t slots)
+      : odd(slots * kBricksPerBlock), even(slots * kBricksPerBlock) {}
 
-  void add(std::size_t cell, float odd_part, float even_part) {
-    odd[cell] += odd_part;
-    even[cell] += even_part;
+  void add(std::size_t brick, float odd_part, float even_part) {
+    odd[brick] += odd_part;
+    even[brick] += even_part;
   }
 };
 
@@ -151,18 +151,22 @@ class Smoother {
         distance_(current_.size()),
         previous_(current_.size()),
         active_rows_(reader_.size()),
-        is_speck_(reader_.size() * kCellsPerBlock) {
+        is_speck_(reader_.size() * kBricksPerBlock) {
     find_distances();
     find_pulls(options.r_vox);
   }
 
-  void run(int sweeps, const StageContext& context, double first_progress) {
+  // Calls report(fraction done) on the way.
+  template <typename Report>
+  void run(int sweeps, const Report& report) {
+    int done = 0;
     for (int round = 0; round <= kCorrections; ++round) {
-      const auto sweeps_until = [&](int r) { return sweeps * r / (kCorrections + 1); };
-      relax(sweeps_until(round + 1) - sweeps_until(round));
+      const int until = static_cast<int>(std::int64_t{sweeps} * (round + 1) / (kCorrections + 1));
+      relax(until - done, [&](int of_round) {
+        report(static_cast<double>(done + of_round) / std::max(sweeps, 1));
+      });
+      done = until;
       if (round < kCorrections) correct_volume();
-      const double done = static_cast<double>(round + 1) / (kCorrections + 1);
-      report_progress(context, kStage, first_progress + (1 - first_progress) * done);
     }
     parallel_for_each_index(
         0, current_.size(), [&](std::size_t n) { current_[n] /= kClip; }, 1 << 16);
@@ -207,7 +211,7 @@ class Smoother {
         current_[n] = distance_[n] = kept(current_[n], d);
         if (std::abs(d) < kClip) rows |= std::uint64_t{1} << (k * kBlock + j);
         if (is_lonely(&f.values[static_cast<std::size_t>(at)]))
-          is_speck_[slot * kCellsPerBlock + cell_in_block(i, j, k)] = 1;
+          is_speck_[slot * kBricksPerBlock + brick_in_block(i, j, k)] = 1;
       });
       active_rows_[slot] = dilated(rows);
     });
@@ -230,67 +234,85 @@ class Smoother {
   }
 
   void find_pulls(const std::vector<double>& r_vox) {
-    CellSums bend(reader_.size());
+    BrickSums bend(reader_.size());
     for_each_slot([&](std::size_t slot) {
       PaddedBlock<1> f;
       reader_.gather(slot, distance_, f);
       for_each_node([&](int i, int j, int k) {
         const int at = PaddedBlock<1>::at(i, j, k);
-        if (std::abs(f.values[at]) > kCore - 0.5F / kTaper) return;
-        bend.add(slot * kCellsPerBlock + cell_in_block(i, j, k),
+        if (std::abs(f.values[at]) > kCore - 0.5F / kTaper || !is_in_grid(slot, {i, j, k})) return;
+        bend.add(slot * kBricksPerBlock + brick_in_block(i, j, k),
                  PaddedBlock<1>::laplacian(f.values.data(), at), 1);
       });
     });
     pull_.resize(bend.odd.size());
     for_each_slot([&](std::size_t slot) {
-      const auto& [block, material, mirror] = reader_.level_sets().slots[slot];
-      const double r = std::min(r_vox[material], r_vox[mirror]);
-      if (r <= 0) {
-        active_rows_[slot] = 0;
-        return;
-      }
-      const auto stronger = static_cast<float>(std::pow(std::max(kFullRadius / r, 1.0), 4));
       const auto curvature = window_ratios(slot, bend);
-      std::array<bool, kCellsPerBlock> is_speck;
-      for (std::size_t c = 0; c < kCellsPerBlock; ++c) {
+      std::array<bool, kBricksPerBlock> is_speck;
+      for (std::size_t c = 0; c < kBricksPerBlock; ++c) {
         is_speck[c] = is_near_speck(slot, c);
         const float pull = is_speck[c] ? kSpeckPull
                                        : std::clamp(kCurvedPull * curvature[c] * curvature[c],
                                                     kFlatPull, kMostPull);
-        pull_[slot * kCellsPerBlock + c] = std::min(stronger * pull, kStrongestPull);
+        pull_[slot * kBricksPerBlock + c] =
+            std::min(strengthening(slot, c, bend, r_vox) * pull, kStrongestPull);
       }
       if (std::find(is_speck.begin(), is_speck.end(), true) != is_speck.end())
         measure_by_nodes(slot, is_speck);
     });
   }
 
-  // Whether a cell or one beside it holds part of a speck, of whatever material.
-  [[nodiscard]] bool is_near_speck(std::size_t slot, std::size_t cell) const {
+  // Factor of the pull for the least radius of the materials whose boundaries pass by a brick.
+  [[nodiscard]] float strengthening(std::size_t slot,
+                                    std::size_t brick,
+                                    const BrickSums& bend,
+                                    const std::vector<double>& r_vox) const {
     const auto& slots = reader_.level_sets().slots;
-    const int i = static_cast<int>(cell & 1), j = static_cast<int>(cell >> 1 & 1),
-              k = static_cast<int>(cell >> 2);
+    double r = kFullRadius;
+    for_each_slot_of_block(slot, [&](std::size_t s) {
+      if (s == slot || bend.even[s * kBricksPerBlock + brick] > 0)
+        r = std::min({r, r_vox[slots[s].material], r_vox[slots[s].mirror]});
+    });
+    constexpr double kLeastRadius = 0.01;  // the pull is the strongest long before
+    return static_cast<float>(std::pow(kFullRadius / std::max(r, kLeastRadius), 4));
+  }
+
+  // Calls body(s) for all slots s of the block of a slot; they follow each other.
+  template <typename Body>
+  void for_each_slot_of_block(std::size_t slot, const Body& body) const {
+    const auto& slots = reader_.level_sets().slots;
+    std::size_t s = slot;
+    while (s > 0 && slots[s - 1].block == slots[slot].block)
+      --s;
+    for (; s < slots.size() && slots[s].block == slots[slot].block; ++s)
+      body(s);
+  }
+
+  // Whether a brick or one beside it, as far as this material is near, holds part of a speck.
+  [[nodiscard]] bool is_near_speck(std::size_t slot, std::size_t brick) const {
+    const int i = static_cast<int>(brick & 1), j = static_cast<int>(brick >> 1 & 1),
+              k = static_cast<int>(brick >> 2);
     for (int z = k - 1; z <= k + 1; ++z)
       for (int y = j - 1; y <= j + 1; ++y)
         for (int x = i - 1; x <= i + 1; ++x) {
-          const CellPlace place = find_cell(slot, x, y, z);
+          const BrickPlace place = find_brick(slot, x, y, z);
           if (!place.is_stored) continue;
-          // The slots of a block follow each other.
-          const std::size_t there = place.cell / kCellsPerBlock;
-          std::size_t s = there;
-          while (s > 0 && slots[s - 1].block == slots[there].block)
-            --s;
-          for (; s < slots.size() && slots[s].block == slots[there].block; ++s)
-            if (is_speck_[s * kCellsPerBlock + place.cell % kCellsPerBlock] != 0) return true;
+          bool is_found = false;
+          for_each_slot_of_block(place.brick / kBricksPerBlock, [&](std::size_t s) {
+            is_found =
+                is_found || is_speck_[s * kBricksPerBlock + place.brick % kBricksPerBlock] != 0;
+          });
+          if (is_found) return true;
         }
     return false;
   }
 
   // Around a speck the blurred indicator tells next to nothing of distances.
-  void measure_by_nodes(std::size_t slot, const std::array<bool, kCellsPerBlock>& is_speck) {
+  void measure_by_nodes(std::size_t slot, const std::array<bool, kBricksPerBlock>& is_speck) {
     PaddedBlock<2> f;
     reader_.gather(slot, previous_, f);
     for_each_node([&](int i, int j, int k) {
-      if (!is_speck[cell_in_block(i, j, k)]) return;
+      if (!is_speck[brick_in_block(i, j, k)]) return;
       const std::size_t n = node_at(slot, i, j, k);
       const auto at = static_cast<std::size_t>(PaddedBlock<2>::at(i, j, k));
       current_[n] = distance_[n] =
@@ -298,7 +320,8 @@ class Smoother {
     });
   }
 
-  void relax(int sweeps) {
+  template <typename Report>
+  void relax(int sweeps, const Report& report) {
     const float high = std::sqrt(kHighestEigenvalue), low = std::sqrt(kLowestEigenvalue);
     const float step = 4 / ((high + low) * (high + low));
     const float momentum = (high - low) * (high - low) / ((high + low) * (high + low));
@@ -308,6 +331,7 @@ class Smoother {
         if (active_rows_[slot] != 0) descend(slot, step, momentum);
       });
       current_.swap(previous_);
+      report(sweep + 1);
     }
   }
 
@@ -324,7 +348,7 @@ class Smoother {
       for (int j = 0; j < kBlock; ++j)
         if ((active_rows_[slot] >> (k * kBlock + j) & 1U) != 0)
           descend_row(&f.values[Padded::at(0, j, k)], &bend.values[Padded::at(0, j, k)],
-                      &pull_[slot * kCellsPerBlock + cell_in_block(0, j, k)],
+                      &pull_[slot * kBricksPerBlock + brick_in_block(0, j, k)],
                       node_at(slot, 0, j, k), step, momentum);
   }
 
@@ -359,17 +383,17 @@ class Smoother {
 
   // Moves distances and fields by what the volume inside the boundary lacks, in a window.
   void correct_volume() {
-    CellSums volumes(reader_.size());
+    BrickSums volumes(reader_.size());
     for_each_slot([&](std::size_t slot) {
       if (active_rows_[slot] != 0) add_volumes(slot, volumes);
     });
     std::vector<float> moves(volumes.odd.size());
     for_each_slot([&](std::size_t slot) {
       const auto newton = window_ratios(slot, volumes);
-      for (std::size_t c = 0; c < kCellsPerBlock; ++c) {
-        const std::size_t cell = slot * kCellsPerBlock + c;
-        const float gain = follows(cell) ? 1 : 1 + kThinGain * pull_[cell] / kMostPull;
-        moves[cell] = std::clamp(gain * newton[c], -kLargestMove, kLargestMove);
+      for (std::size_t c = 0; c < kBricksPerBlock; ++c) {
+        const std::size_t brick = slot * kBricksPerBlock + c;
+        const float gain = follows(brick) ? 1 : 1 + kThinGain * pull_[brick] / kMostPull;
+        moves[brick] = std::clamp(gain * newton[c], -kLargestMove, kLargestMove);
       }
     });
     for_each_slot([&](std::size_t slot) {
@@ -378,55 +402,54 @@ class Smoother {
   }
 
   // Whether the pull is so strong that the field just follows the distance.
-  [[nodiscard]] bool follows(std::size_t cell) const { return pull_[cell] > kMostPull; }
+  [[nodiscard]] bool follows(std::size_t brick) const { return pull_[brick] > kMostPull; }
 
-  void add_volumes(std::size_t slot, CellSums& volumes) const {
+  void add_volumes(std::size_t slot, BrickSums& volumes) const {
     constexpr int kSpan = PaddedBlock<1>::kSpan, kSpan2 = PaddedBlock<1>::kSpan2;
     PaddedBlock<1> f;
     reader_.gather(slot, current_, f);
     for_each_node([&](int i, int j, int k) {
-      if (!has_cube(slot, {i, j, k})) return;
+      if (!is_in_grid(slot, {i + 1, j + 1, k + 1})) return;  // the cube above the node
       const float* low = &f.values[static_cast<std::size_t>(PaddedBlock<1>::at(i, j, k))];
       std::array<float, 8> corner;
       for (int c = 0; c < 8; ++c)
         corner[c] = low[(c & 1) + (c >> 1 & 1) * kSpan + (c >> 2) * kSpan2];
-      const std::size_t cell = slot * kCellsPerBlock + cell_in_block(i, j, k);
-      const CubeVolume cube = volume_in_cube(corner, follows(cell) ? 0 : 1.01F * margin_);
-      if (cube.is_cut) volumes.add(cell, cube.lack, cube.slope);
+      const std::size_t brick = slot * kBricksPerBlock + brick_in_block(i, j, k);
+      const CubeVolume cube = volume_in_cube(corner, follows(brick) ? 0 : 1.01F * margin_);
+      if (cube.is_cut) volumes.add(brick, cube.lack, cube.slope);
     });
   }
 
-  // Whether the cube above node `at` of the slot's block lies in the grid.
-  [[nodiscard]] bool has_cube(std::size_t slot, const std::array<int, 3>& at) const {
+  // Whether node `at` of the slot's block, which may stick out, lies in the grid.
+  [[nodiscard]] bool is_in_grid(std::size_t slot, const std::array<int, 3>& at) const {
     const LevelSets& level_sets = reader_.level_sets();
     for (int axis = 0; axis < 3; ++axis)
-      if (level_sets.slots[slot].block[axis] * kBlock + at[axis] + 1 >=
-          level_sets.frame().dims[axis])
+      if (level_sets.slots[slot].block[axis] * kBlock + at[axis] >= level_sets.frame().dims[axis])
         return false;
     return true;
   }
 
-  // A cell near a slot's block, by its place: 0 and 1 are the block's own.
-  struct CellPlace {
+  // A brick near a slot's block, by its place: 0 and 1 are the block's own.
+  struct BrickPlace {
     bool is_stored = false;
     float sign = 1;  // of odd quantities
-    std::size_t cell = 0;
+    std::size_t brick = 0;
   };
 
-  [[nodiscard]] CellPlace find_cell(std::size_t slot, int i, int j, int k) const {
+  [[nodiscard]] BrickPlace find_brick(std::size_t slot, int i, int j, int k) const {
     const int n = ((k >> 1) + 1) * 9 + ((j >> 1) + 1) * 3 + (i >> 1) + 1;
     std::int32_t entry = reader_.neighbours(slot)[static_cast<std::size_t>(n)];
     if (entry == BlockTable::kOutside || entry == BlockTable::kInside) return {};
     const float sign = BlockTable::is_mirrored(entry) ? -1.0F : 1.0F;
     if (BlockTable::is_mirrored(entry)) entry = BlockTable::mirrored(entry);
     return {true, sign,
-            static_cast<std::size_t>(entry) * kCellsPerBlock +
+            static_cast<std::size_t>(entry) * kBricksPerBlock +
                 static_cast<std::size_t>(((k & 1) * 2 + (j & 1)) * 2 + (i & 1))};
   }
 
-  // Odd over even sums in a window around each cell of a slot.
-  [[nodiscard]] std::array<float, kCellsPerBlock> window_ratios(std::size_t slot,
-                                                                const CellSums& sums) const {
+  // Odd over even sums in a window around each brick of a slot.
+  [[nodiscard]] std::array<float, kBricksPerBlock> window_ratios(std::size_t slot,
+                                                                 const BrickSums& sums) const {
     static const auto kWeights = [] {
       std::array<float, 2 * kWindowReach + 1> weights{};
       for (int d = -kWindowReach; d <= kWindowReach; ++d)
@@ -434,42 +457,42 @@ class Smoother {
             std::exp(-0.5F * static_cast<float>(d * d) / (kWindowSigma * kWindowSigma));
       return weights;
     }();
-    std::array<float, kCellsPerBlock> odd{}, even{};
+    std::array<float, kBricksPerBlock> odd{}, even{};
     for (int k = -kWindowReach; k < 2 + kWindowReach; ++k)
       for (int j = -kWindowReach; j < 2 + kWindowReach; ++j)
         for (int i = -kWindowReach; i < 2 + kWindowReach; ++i) {
-          const CellPlace place = find_cell(slot, i, j, k);
-          if (!place.is_stored || sums.even[place.cell] <= 0) continue;
-          for (int c = 0; c < kCellsPerBlock; ++c) {
+          const BrickPlace place = find_brick(slot, i, j, k);
+          if (!place.is_stored || sums.even[place.brick] <= 0) continue;
+          for (int c = 0; c < kBricksPerBlock; ++c) {
             const int di = i - (c & 1), dj = j - (c >> 1 & 1), dk = k - (c >> 2);
             if (std::max({std::abs(di), std::abs(dj), std::abs(dk)}) > kWindowReach) continue;
             const float weight = kWeights[static_cast<std::size_t>(di + kWindowReach)] *
                                  kWeights[static_cast<std::size_t>(dj + kWindowReach)] *
                                  kWeights[static_cast<std::size_t>(dk + kWindowReach)];
-            odd[c] += weight * place.sign * sums.odd[place.cell];
-            even[c] += weight * sums.even[place.cell];
+            odd[c] += weight * place.sign * sums.odd[place.brick];
+            even[c] += weight * sums.even[place.brick];
           }
         }
-    for (std::size_t c = 0; c < kCellsPerBlock; ++c)
+    for (std::size_t c = 0; c < kBricksPerBlock; ++c)
       odd[c] /= even[c] + kLeastWeight;
     return odd;
   }
 
-  // Moves are linear between the middles of the cells.
+  // Moves are linear between the middles of the bricks.
   void apply_moves(std::size_t slot, const std::vector<float>& moves) {
     // Cells -1 .. 2 along each axis; where there is none, the nearest of the block itself.
     std::array<float, 64> around;
     for (int n = 0; n < 64; ++n) {
       const int i = (n & 3) - 1, j = (n >> 2 & 3) - 1, k = (n >> 4) - 1;
-      CellPlace place = find_cell(slot, i, j, k);
+      BrickPlace place = find_brick(slot, i, j, k);
       if (!place.is_stored)
-        place = find_cell(slot, std::clamp(i, 0, 1), std::clamp(j, 0, 1), std::clamp(k, 0, 1));
-      around[static_cast<std::size_t>(n)] = place.sign * moves[place.cell];
+        place = find_brick(slot, std::clamp(i, 0, 1), std::clamp(j, 0, 1), std::clamp(k, 0, 1));
+      around[static_cast<std::size_t>(n)] = place.sign * moves[place.brick];
     }
     for_each_node([&](int i, int j, int k) {
-      const std::array<float, 3> place{(static_cast<float>(i) + 2.5F) / kCell,
-                                       (static_cast<float>(j) + 2.5F) / kCell,
-                                       (static_cast<float>(k) + 2.5F) / kCell};
+      const std::array<float, 3> place{(static_cast<float>(i) + 2.5F) / kBrick,
+                                       (static_cast<float>(j) + 2.5F) / kBrick,
+                                       (static_cast<float>(k) + 2.5F) / kBrick};
       std::array<int, 3> low;
       std::array<float, 3> t;
       for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -494,9 +517,9 @@ class Smoother {
   float margin_;
   std::vector<float>& current_;             // the level sets' own values
   std::vector<float> distance_, previous_;  // per node
-  std::vector<float> pull_;                 // per cell
+  std::vector<float> pull_;                 // per brick
   std::vector<std::uint64_t> active_rows_;  // per slot: rows that move
-  std::vector<std::uint8_t> is_speck_;      // per cell
+  std::vector<std::uint8_t> is_speck_;      // per brick
 };
 
 }  // namespace
@@ -505,7 +528,9 @@ LevelSets smooth_level_sets(LevelSets level_sets,
                             const SmoothLevelSetsOptions& options,
                             const StageContext& context,
                             double first_progress) {
-  Smoother(level_sets, options).run(options.sweeps, context, first_progress);
+  Smoother(level_sets, options).run(options.sweeps, [&](double fraction) {
+    report_progress(context, kStage, first_progress + (1 - first_progress) * fraction);
+  });
   return level_sets;
 }
 

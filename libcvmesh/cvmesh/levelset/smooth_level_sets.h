@@ -9,7 +9,7 @@
 namespace cvmesh {
 
 struct SmoothLevelSetsOptions {
-  std::vector<double> r_vox;  ///< per material; below 0.8 less is smoothed, 0 leaves it as it is
+  std::vector<double> r_vox;  ///< per material; below 0.8 less is smoothed, at 0 next to nothing
   int sweeps = 120;           ///< of the descent
   double margin_vox = 0.05;   ///< least magnitude at a node, with the sign of its label
 };
@@ -26,7 +26,7 @@ struct SmoothLevelSetsOptions {
 /// window of the boundary.
 ///
 /// The pull grows with (0.8 / r)^4, so that r scales the length of the waves that are smoothed;
-/// where two materials share a boundary the smaller r counts. From 0.8 on all is smoothed that the
+/// where materials meet the smallest of their r counts. From 0.8 on all is smoothed that the
 /// node constraint allows.
 ///
 /// Works in steps of the grid, also where it is anisotropic: stairs are a matter of the grid, and

@@ -38,6 +38,7 @@ TightenResult tighten(LevelSets level_sets,
     if (flow.nodes_changed > 0) {
       StageContext quiet = context;  // this stage's progress is not that of the one before
       quiet.progress = nullptr;
+      quiet.cancel = nullptr;
       result.level_sets = {};
       result.level_sets =
           build_level_sets(std::make_shared<Grid<MaterialId>>(std::move(flow.labels)), materials,

@@ -100,10 +100,10 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
       {.key = "grid_spacing_mm",
        .unit = "mm",
        .doc =
-           "Put the labels on an isotropic grid by shape-based interpolation before anything "
-           "else: a spacing no larger than the volume's smallest, or \"auto\" for that one. null "
+           "Put the cleaned labels on an isotropic grid by shape-based interpolation and work "
+           "there: a spacing no larger than the volume's smallest, or \"auto\" for that one. null "
            "stays on the volume's grid. For thick slices; costs voxels.",
-       .field = CVMESH_FIELD(grid_spacing),
+       .field = CVMESH_FIELD(grid_spacing_mm),
        .min = 0,
        .max = kMostMm,
        .min_is_exclusive = true,
@@ -133,7 +133,7 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
       {.key = "smoothing_sweeps",
        .doc = "Sweeps of the smoothing over the level sets; time is linear in it.",
        .field = CVMESH_FIELD(tighten.smoothing_sweeps),
-       .min = 0,
+       .min = 1,
        .max = 10000},
       {.key = "smoothing_margin",
        .unit = "voxels",

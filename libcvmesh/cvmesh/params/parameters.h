@@ -40,7 +40,7 @@ struct Parameters {
   std::optional<std::size_t> target_vertices;
   std::map<Label, LabelParameters> labels;
   /// Working grid of all stages between labels and metrics; empty for that of the volume.
-  std::optional<GridSpacing> grid_spacing;
+  std::optional<GridSpacing> grid_spacing_mm;
 
   CleanLabelsOptions clean_labels;
   TightenOptions tighten;

@@ -121,7 +121,7 @@ LabelVolume read_and_clean(Run& run) {
 
 /// The labels on the working grid that `grid_spacing_mm` asks for; nothing where it asks for none.
 std::optional<ResampleLabelsResult> resample(Run& run, const LabelVolume& native) {
-  const std::optional<GridSpacing>& spacing = run.request.parameters.grid_spacing;
+  const std::optional<GridSpacing>& spacing = run.request.parameters.grid_spacing_mm;
   if (!spacing) return std::nullopt;
   const double mm = spacing->is_auto ? auto_spacing_mm(native.frame()) : spacing->mm;
   ResampleLabelsResult resampled = run.stage.run(
@@ -159,6 +159,11 @@ TightenOptions tighten_options_of(const Run& run, const LabelVolume& labels) {
   TightenOptions options = run.request.parameters.tighten;
   for (const auto& [label, own] : run.request.parameters.labels)
     if (const auto m = material_of(labels, label); m && own.r) options.r_vox_of[*m] = *own.r;
+  // The smaller radius rules where materials meet, and the exterior has no say in it.
+  double largest = options.r_vox;
+  for (const auto& [material, r] : options.r_vox_of)
+    largest = std::max(largest, r);
+  options.r_vox_of[kExterior] = largest;
   return options;
 }
 
