@@ -35,9 +35,11 @@ CommandLine parse(const std::vector<std::string>& words) {
                                                                           : nullptr;
     require(value != nullptr, ErrorCode::BadParameter, "cvmesh-phantom",
             "unknown argument '" + words[n] + "'; see --help");
-    if (value != &line.shape) ++n;
-    require(n < words.size(), ErrorCode::BadParameter, "cvmesh-phantom",
-            words[n - 1] + " needs a value; see --help");
+    if (value != &line.shape) {
+      require(n + 1 < words.size(), ErrorCode::BadParameter, "cvmesh-phantom",
+              words[n] + " needs a value; see --help");
+      ++n;
+    }
     *value = words[n];
   }
   require(!line.shape.empty() && !line.out.empty(), ErrorCode::BadParameter, "cvmesh-phantom",
