@@ -4,7 +4,7 @@
 //
 //   bench_level_sets shapes [--r R]
 //       analytic shapes: distances, volumes and normals of the dense surface against the truth
-//   bench_level_sets volume FILE [--r R] [--threads N] [--sub-steps N] [--dense OUT.off]
+//   bench_level_sets volume FILE [--r R] [--threads N] [--sweeps N] [--dense OUT.off]
 //       one label volume: seconds, peak memory, what topology and volumes became; one JSON line
 //
 // No test: nothing here passes or fails. `scripts/bench_level_sets.py` runs it over a folder.
@@ -22,19 +22,23 @@
 #include <tbb/global_control.h>
 
 #include "levelset/label_grids.h"
+#include "levelset/surface_error.h"
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <functional>
 #include <memory>
-#include <numbers>
 #include <optional>
 #include <string>
 #include <vector>
 
 using namespace cvmesh;
 using label_grids::Labels;
+using label_grids::Smooth;
+using label_grids::SurfaceError;
+using label_grids::TruthAt;
+using label_grids::volume_inside;
 
 namespace {
 
@@ -43,11 +47,6 @@ struct Options {
   double r_vox = TightenOptions{}.r_vox;
   int threads = 0;
   int sweeps = TightenOptions{}.smoothing_sweeps;
-};
-
-struct Smooth {
-  LevelSets level_sets;
-  InterfaceMesh mesh;
 };
 
 Smooth smooth(const Labels& labels, const Options& options) {
@@ -65,50 +64,10 @@ Smooth smooth(const Labels& labels, const Options& options) {
   return result;
 }
 
-double volume_inside(const InterfaceMesh& mesh, MaterialId m) {
-  double six = 0;
-  for (std::size_t f = 0; f < mesh.facets.size(); ++f) {
-    const auto& [a, b, c] = mesh.facets[f];
-    const double v = volume6({}, mesh.points[a], mesh.points[b], mesh.points[c]);
-    if (mesh.patch_of[f].sides.inside == m) six += v;
-    if (mesh.patch_of[f].sides.outside == m) six -= v;
-  }
-  return six / 6;
+void print(const std::string& name, const SurfaceError& error) {
+  std::printf("| %-28s | %7.4f | %7.4f | %6.2f |\n", name.c_str(), error.rms(), error.bias(),
+              error.normal_deg());
 }
-
-// Signed distance of a point from the true surface and its outward normal there.
-struct True {
-  double distance;
-  Vec3 normal;
-};
-
-struct Errors {
-  double sum = 0, sum2 = 0, count = 0;
-  double angle_area = 0, area = 0;
-
-  void add(const Smooth& s, const std::function<std::optional<True>(const Vec3&)>& truth) {
-    std::vector<double> share(s.mesh.points.size(), 0);
-    for (const auto& [a, b, c] : s.mesh.facets)
-      for (const auto v : {a, b, c})
-        share[v] += norm(area_vector2(s.mesh.points[a], s.mesh.points[b], s.mesh.points[c])) / 6;
-    for (std::size_t v = 0; v < s.mesh.points.size(); ++v) {
-      const auto expected = truth(s.mesh.points[v]);
-      if (!expected) continue;
-      sum += expected->distance;
-      sum2 += expected->distance * expected->distance;
-      ++count;
-      const Vec3 g = s.level_sets.smooth_gradient(0, 1, s.mesh.points[v]);
-      const double c = dot(normalized(g), expected->normal);
-      angle_area += share[v] * std::acos(std::clamp(c, -1.0, 1.0)) * 180 / std::numbers::pi;
-      area += share[v];
-    }
-  }
-
-  void print(const std::string& name) const {
-    std::printf("| %-28s | %7.4f | %7.4f | %6.2f |\n", name.c_str(), std::sqrt(sum2 / count),
-                sum / count, angle_area / area);
-  }
-};
 
 const std::vector<Vec3>& shifts() {
   static const std::vector<Vec3> list = {
@@ -119,34 +78,34 @@ const std::vector<Vec3>& shifts() {
 void measure_shapes(const Options& options) {
   std::printf("| %-28s | rms     | bias    | normal |\n|---|---|---|---|\n", "shape, voxels");
   for (const double radius : {20.0, 10.0, 5.0, 3.0}) {
-    Errors errors;
+    SurfaceError errors;
     for (const Vec3& shift : shifts()) {
       const Vec3 centre = label_grids::ball_centre(radius, shift);
       errors.add(smooth(label_grids::ball(radius, shift), options),
-                 [&](const Vec3& p) -> std::optional<True> {
-                   return True{distance(p, centre) - radius, normalized(p - centre)};
+                 [&](const Vec3& p) -> std::optional<TruthAt> {
+                   return TruthAt{distance(p, centre) - radius, normalized(p - centre)};
                  });
     }
-    errors.print("ball, R = " + std::to_string(static_cast<int>(radius)));
+    print("ball, R = " + std::to_string(static_cast<int>(radius)), errors);
   }
   for (const Vec3& direction : {Vec3{1, 2, 5}, Vec3{1, 1, 1}, Vec3{0.1, 0.07, 1}, Vec3{3, 1, 4}}) {
     const Vec3 n = normalized(direction);
     const Vec3 middle{24, 24, 24};
-    Errors errors;
+    SurfaceError errors;
     errors.add(smooth(label_grids::sample({49, 49, 49},
                                           [&](const Vec3& p) -> MaterialId {
                                             return dot(p - middle, n) < 0.2 ? 1 : 0;
                                           }),
                       options),
-               [&](const Vec3& p) -> std::optional<True> {
+               [&](const Vec3& p) -> std::optional<TruthAt> {
                  for (int axis = 0; axis < 3; ++axis)
                    if (p[axis] < 8 || p[axis] > 40) return std::nullopt;
-                 return True{dot(p - middle, n) - 0.2, n};
+                 return TruthAt{dot(p - middle, n) - 0.2, n};
                });
     char name[64];
     std::snprintf(name, sizeof name, "plane, normal %g %g %g", direction.x, direction.y,
                   direction.z);
-    errors.print(name);
+    print(name, errors);
   }
   std::printf("\n| %-28s | volume / voxels | components / of voxels |\n|---|---|---|\n",
               "thin part, voxels");

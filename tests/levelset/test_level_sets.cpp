@@ -8,17 +8,22 @@
 #include <tbb/task_arena.h>
 
 #include "levelset/label_grids.h"
+#include "levelset/surface_error.h"
 #include "support/catch.h"
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 #include <map>
-#include <numbers>
+#include <optional>
 #include <utility>
 
 using namespace cvmesh;
 using label_grids::Labels;
+using label_grids::Smooth;
+using label_grids::SurfaceError;
+using label_grids::TruthAt;
+using label_grids::volume_inside;
 
 namespace {
 
@@ -56,50 +61,11 @@ Extremes extremes(const LevelSets& level_sets) {
   return e;
 }
 
-// A level set and its dense surface.
-struct Smooth {
-  LevelSets level_sets;
-  InterfaceMesh mesh;
-};
-
 Smooth smoothed(const Labels& labels) {
   Smooth result{tightened(labels), {}};
   result.mesh = extract_interfaces(result.level_sets, silent_context());
   return result;
 }
-
-// What the dense vertices of a surface say against a true one.
-struct SurfaceError {
-  double sum = 0, sum2 = 0, count = 0;    // of signed distances, voxels
-  double angle_times_area = 0, area = 0;  // of the field's gradient from the true normal, degrees
-
-  // Adds the vertices for which `truth(p, distance, normal)` knows the true surface.
-  template <typename Truth>
-  void add(const Smooth& s, const Truth& truth) {
-    std::vector<double> share(s.mesh.points.size());
-    for (const auto& [a, b, c] : s.mesh.facets)
-      for (const auto v : {a, b, c})
-        share[v] += norm(area_vector2(s.mesh.points[a], s.mesh.points[b], s.mesh.points[c])) / 6;
-    for (std::size_t v = 0; v < s.mesh.points.size(); ++v) {
-      double d = 0;
-      Vec3 normal;
-      if (!truth(s.mesh.points[v], d, normal)) continue;
-      sum += d;
-      sum2 += d * d;
-      ++count;
-      const Vec3 gradient = s.level_sets.smooth_gradient(0, 1, s.mesh.points[v]);
-      const double cosine = std::clamp(dot(normalized(gradient), normal), -1.0, 1.0);
-      angle_times_area += share[v] * std::acos(cosine) * 180 / std::numbers::pi;
-      area += share[v];
-    }
-  }
-
-  [[nodiscard]] double rms() const { return std::sqrt(sum2 / count); }
-
-  [[nodiscard]] double bias() const { return sum / count; }
-
-  [[nodiscard]] double normal_deg() const { return angle_times_area / area; }
-};
 
 // Over several places of the centre of a ball.
 SurfaceError sphere_error(double radius) {
@@ -108,24 +74,11 @@ SurfaceError sphere_error(double radius) {
        {Vec3{}, Vec3{0.37, -0.21, 0.11}, Vec3{0.5, 0.25, -0.4}, Vec3{-0.13, 0.49, 0.3}}) {
     const Vec3 centre = label_grids::ball_centre(radius, shift);
     error.add(smoothed(label_grids::ball(radius, shift)),
-              [&](const Vec3& p, double& d, Vec3& normal) {
-                d = distance(p, centre) - radius;
-                normal = normalized(p - centre);
-                return true;
+              [&](const Vec3& p) -> std::optional<TruthAt> {
+                return TruthAt{distance(p, centre) - radius, normalized(p - centre)};
               });
   }
   return error;
-}
-
-double volume_inside(const InterfaceMesh& mesh, MaterialId m) {
-  double six = 0;
-  for (std::size_t f = 0; f < mesh.facets.size(); ++f) {
-    const auto& [a, b, c] = mesh.facets[f];
-    const double v = volume6({}, mesh.points[a], mesh.points[b], mesh.points[c]);
-    if (mesh.patch_of[f].sides.inside == m) six += v;
-    if (mesh.patch_of[f].sides.outside == m) six -= v;
-  }
-  return six / 6;
 }
 
 }  // namespace
@@ -234,10 +187,10 @@ TEST_CASE("tighten: the terraces of tilted planes go", "[levelset][interfaces][u
     error.add(smoothed(label_grids::sample(
                   {49, 49, 49},
                   [&](const Vec3& p) -> MaterialId { return dot(p - middle, n) < 0.2 ? 1 : 0; })),
-              [&](const Vec3& p, double& d, Vec3& normal) {
-                d = dot(p - middle, n) - 0.2;
-                normal = n;
-                return std::min({p.x, p.y, p.z}) > 8 && std::max({p.x, p.y, p.z}) < 40;
+              [&](const Vec3& p) -> std::optional<TruthAt> {
+                if (std::min({p.x, p.y, p.z}) <= 8 || std::max({p.x, p.y, p.z}) >= 40)
+                  return std::nullopt;
+                return TruthAt{dot(p - middle, n) - 0.2, n};
               });
     INFO("normal " << n.x << ' ' << n.y << ' ' << n.z << ": " << error.normal_deg() << " degrees");
     CHECK(error.normal_deg() <= 4);
@@ -315,10 +268,8 @@ TEST_CASE("tighten: below 0.8 a smaller radius smooths less", "[levelset][unit]"
     SurfaceError error;
     Smooth s{tightened(labels, r), {}};
     s.mesh = extract_interfaces(s.level_sets, silent_context());
-    error.add(s, [&](const Vec3& p, double& d, Vec3& normal) {
-      d = distance(p, centre) - 8;
-      normal = normalized(p - centre);
-      return true;
+    error.add(s, [&](const Vec3& p) -> std::optional<TruthAt> {
+      return TruthAt{distance(p, centre) - 8, normalized(p - centre)};
     });
     return error.normal_deg();
   };
