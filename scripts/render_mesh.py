@@ -87,6 +87,21 @@ def fit(renderer, camera, bounds, aspect):
     camera.SetParallelScale(1.04 * max(half[1], half[0] / aspect))
 
 
+def write_png(window, path):
+    """Renders a window and writes what it shows."""
+    from vtkmodules.vtkIOImage import vtkPNGWriter
+    from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
+
+    window.Render()
+    grab = vtkWindowToImageFilter()
+    grab.SetInput(window)
+    grab.ReadFrontBufferOff()
+    writer = vtkPNGWriter()
+    writer.SetInputConnection(grab.GetOutputPort())
+    writer.SetFileName(path)
+    writer.Write()
+
+
 def main():
     arguments = parse_arguments()
     normal = direction(arguments.normal)
@@ -102,10 +117,9 @@ def main():
     from vtkmodules.vtkFiltersCore import vtkThreshold
     from vtkmodules.vtkFiltersExtraction import vtkExtractGeometry
     from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
-    from vtkmodules.vtkIOImage import vtkPNGWriter
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
     from vtkmodules.vtkRenderingCore import (
-        vtkActor, vtkDataSetMapper, vtkRenderer, vtkRenderWindow, vtkWindowToImageFilter)
+        vtkActor, vtkDataSetMapper, vtkRenderer, vtkRenderWindow)
 
     reader = vtkXMLUnstructuredGridReader()
     reader.SetFileName(arguments.mesh)
@@ -186,14 +200,7 @@ def main():
     window.SetMultiSamples(8)
     window.SetSize(width, height)
     window.AddRenderer(renderer)
-    window.Render()
-    grab = vtkWindowToImageFilter()
-    grab.SetInput(window)
-    grab.ReadFrontBufferOff()
-    writer = vtkPNGWriter()
-    writer.SetInputConnection(grab.GetOutputPort())
-    writer.SetFileName(arguments.image)
-    writer.Write()
+    write_png(window, arguments.image)
     print(f"{arguments.image}: {grid.GetNumberOfCells()} tets, labels "
           + " ".join(str(label) for label in present))
 

@@ -12,7 +12,7 @@ import argparse
 import os
 import sys
 
-from render_mesh import direction, ensure_display, fit
+from render_mesh import direction, ensure_display, fit, write_png
 
 COLOUR = (0.93, 0.86, 0.74)
 
@@ -108,10 +108,8 @@ def main():
     import vtkmodules.vtkInteractionStyle  # noqa: F401  (registers factories)
     import vtkmodules.vtkRenderingFreeType  # noqa: F401
     import vtkmodules.vtkRenderingOpenGL2  # noqa: F401
-    from vtkmodules.vtkIOImage import vtkPNGWriter
     from vtkmodules.vtkRenderingCore import (
-        vtkActor, vtkPolyDataMapper, vtkRenderer, vtkRenderWindow, vtkTextActor,
-        vtkWindowToImageFilter)
+        vtkActor, vtkPolyDataMapper, vtkRenderer, vtkRenderWindow, vtkTextActor)
 
     window = vtkRenderWindow()
     window.SetOffScreenRendering(1)
@@ -152,14 +150,7 @@ def main():
         camera.OrthogonalizeViewUp()
         fit(renderer, camera, bounds, width / height)
         window.AddRenderer(renderer)
-    window.Render()
-    grab = vtkWindowToImageFilter()
-    grab.SetInput(window)
-    grab.ReadFrontBufferOff()
-    writer = vtkPNGWriter()
-    writer.SetInputConnection(grab.GetOutputPort())
-    writer.SetFileName(arguments.image)
-    writer.Write()
+    write_png(window, arguments.image)
     print(f"{arguments.image}: {len(arguments.inputs)} surfaces")
 
 

@@ -480,7 +480,7 @@ class Smoother {
 
   // Moves are linear between the middles of the bricks.
   void apply_moves(std::size_t slot, const std::vector<float>& moves) {
-    // Cells -1 .. 2 along each axis; where there is none, the nearest of the block itself.
+    // Bricks -1 .. 2 along each axis; where there is none, the nearest of the block itself.
     std::array<float, 64> around;
     for (int n = 0; n < 64; ++n) {
       const int i = (n & 3) - 1, j = (n >> 2 & 3) - 1, k = (n >> 4) - 1;
