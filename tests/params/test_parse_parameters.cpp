@@ -108,7 +108,7 @@ TEST_CASE("parse_parameters: messages name file, key, value, bound and way out",
   CHECK(refusal(R"({"mesh_background": 1})") ==
         "parameters: p.json: mesh_background (1) is a number; give true or false");
   CHECK(refusal(R"({"seeding": "random"})") ==
-        "parameters: p.json: seeding (\"random\") is not one of its values; give \"poisson\" or "
+        "parameters: p.json: seeding (\"random\") is not one of its values; give \"front\" or "
         "\"dense\"");
   CHECK(refusal(R"({"drop_labels": 3})") ==
         "parameters: p.json: drop_labels (3) is a number; give an array of label values, like [1, "
@@ -237,7 +237,7 @@ TEST_CASE("parameters_schema: describes each key of the table with its default",
   }
   CHECK(schema["properties"].size() == parameter_table().size() + 1);  // and "comment"
   CHECK(schema["properties"]["epsilon"]["exclusiveMinimum"] == 0);
-  CHECK(schema["properties"]["seeding"]["enum"] == Json({"poisson", "dense"}));
+  CHECK(schema["properties"]["seeding"]["enum"] == Json({"front", "dense"}));
   const Json& region = schema["properties"]["region_of_interest"];
   CHECK(region["type"] == Json({"array", "null"}));
   CHECK(region["minItems"] == 6);

@@ -12,7 +12,7 @@ namespace {
 #define CVMESH_LABEL_FIELD(member) [](LabelParameters& p) -> ParameterField { return &p.member; }
 
 /// Names of the enumerators, in their order.
-constexpr std::string_view kSeedings[] = {"poisson", "dense"};
+constexpr std::string_view kSeedings[] = {"front", "dense"};
 constexpr std::string_view kOnDegenerate[] = {"keep", "fail"};
 
 /// Integers up to here survive every JSON reader (2^53).
@@ -165,8 +165,8 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .max = kMostVoxels},
       {.key = "seeding",
        .doc =
-           "How the particles start: \"poisson\" by Poisson-disk sampling with the sizing field, "
-           "\"dense\" uniformly and densely, as in the paper (much slower).",
+           "How the particles start: \"front\" spreads them at the distances of the sizing field by "
+           "an advancing front, \"dense\" uniformly and densely, as in the paper (much slower).",
        .field = CVMESH_FIELD(seed_particles.seeding),
        .choices = kSeedings},
       {.key = "min_component_particles",

@@ -6,6 +6,8 @@
 #include "cvmesh/particles/neighbour_tree.h"
 #include "cvmesh/particles/particle_energy.h"
 #include "cvmesh/particles/sheets.h"
+#include "cvmesh/particles/short_loops.h"
+#include "cvmesh/particles/size_grid.h"
 
 #include <spdlog/spdlog.h>
 
@@ -31,8 +33,9 @@ constexpr double kOverRelaxation = 1.3;  // Newton steps of the radial part alon
 constexpr double kLongestStep = 0.5;     // over h
 constexpr int kStepTries = 4;            // each a third of the one before
 constexpr double kHole = 1.3;            // empty circle over that of the ideal triangle
+constexpr double kLeastRoom = 0.25;      // over h around a new one; twice that between two
 constexpr double kLeastHole = 1.0;       // no particle is added to what is closer than ideal
-constexpr double kCoincident = 0.3;      // distance over h; relaxed neighbours keep 0.6
+constexpr double kCoincident = 0.6;      // distance over h; relaxed neighbours keep more
 constexpr std::size_t kExchangePart = 40;  // one in so many is moved to a hole at a time
 constexpr std::size_t kLeastExchange = 8;  // particles on a sheet where that makes sense
 constexpr double kFullSightCosine = 0.25, kOpposedSight = 0.15;
@@ -41,6 +44,7 @@ constexpr double kFirstRing = 1.5;   // over the nearest distance
 constexpr double kThinAbove = 1.25;  // seeds over the count that is wanted
 constexpr std::size_t kThinNeighbours = 24;
 constexpr double kConverged = 1e-3;  // relative change of a sheet's energy
+constexpr int kGuardRounds = 8;      // of adding particles to loops; two or three are usual
 constexpr double kCurveClearanceVox = 0.1, kLeastDistanceVox = 1e-3;
 
 // The particles of one sheet; the rim comes first and does not move.
@@ -225,8 +229,7 @@ double total_energy(const Cloud& c) {
 // is never indefinite (a Gauss-Newton matrix, as in Levenberg-Marquardt's method).
 Vec3 newton_step(const Cloud& c, std::size_t i) {
   const Vec3 n = c.normal[i];
-  const Vec3 u = normalized(cross(std::abs(n.x) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0}, n));
-  const Vec3 v = cross(n, u);
+  const auto [u, v] = TangentFrame(n);
   double gu = 0, gv = 0, huu = 0, huv = 0, hvv = 0;
   for (auto k = c.first[i]; k < c.first[i + 1]; ++k) {
     const auto j = c.neighbour[k];
@@ -370,19 +373,25 @@ std::size_t split_sparse(Cloud& c, const Sheets& sheets, double threshold, std::
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(),
                    [&](std::int32_t a, std::int32_t b) { return gaps[a].width > gaps[b].width; });
+  SizeGrid grid;
+  for (std::size_t i = 0; i < c.size(); ++i)
+    grid.add(static_cast<std::int32_t>(i), c.position[i], c.h[i]);
   const std::size_t old_size = c.size();
   std::size_t count = 0;
   for (const auto i : order) {
     if (count == most || gaps[i].width < threshold) break;
     const SurfacePoint child = sheets.move(c.facet[i], gaps[i].centre);
     if (child.curve_distance < kCurveClearanceVox * sheets.voxel_mm()) continue;
-    const double room = 0.5 * c.h_scale * child.h_mm;
-    bool is_free = distance(child.position, c.position[i]) > 0.5 * room;
-    for (auto k = c.first[i]; k < c.first[i + 1] && is_free; ++k)
-      is_free = distance(child.position, c.position[c.neighbour[k]]) > 0.5 * room;
-    for (std::size_t j = old_size; j < c.size() && is_free; ++j)
-      is_free = distance(child.position, c.position[j]) > room;
+    // The projection may have ended elsewhere than beside its parent, even on the opposite wall.
+    const double h = c.h_scale * child.h_mm, room = kLeastRoom * h;
+    bool is_free = true;
+    grid.visit_near(child.position, 2 * room, 0, [&](std::int32_t j) {
+      const bool is_child = static_cast<std::size_t>(j) >= old_size;
+      const double d = distance(child.position, c.position[j]);
+      is_free = is_free && d > (is_child ? 2 : 1) * room * sight(child.normal, c.normal[j]);
+    });
     if (!is_free) continue;
+    grid.add(static_cast<std::int32_t>(c.size()), child.position, h);
     c.add(child, false);
     ++count;
   }
@@ -464,6 +473,26 @@ Changes thin(Cloud& c, const Sheets& sheets, int& rounds) {
   return changes;
 }
 
+// Particles where a loop of the sheet has too few; they push the others aside a little.
+std::size_t add_loop_guards(Cloud& c, const Sheets& sheets) {
+  const Sheet& sheet = sheets.sheets[c.sheet];
+  if (!sheet.has_loops) return 0;
+  std::size_t added = 0;
+  for (int round = 0; round < kGuardRounds; ++round) {
+    std::vector<std::int32_t> vertices;
+    for (std::size_t i = 0; i < c.size(); ++i)
+      vertices.push_back(sheets.nearest_vertex(c.facet[i], c.position[i]));
+    const auto missing = vertices_for_loops(sheets.domain().dense, sheet.facets, vertices);
+    if (missing.empty()) break;
+    for (const auto v : missing)
+      c.add(sheets.at_vertex(v, c.sheet), true);
+    added += missing.size();
+    rebuild(c);
+    if (round + 1 < kGuardRounds) sweep(c, sheets);
+  }
+  return added;
+}
+
 // ---- in and out -------------------------------------------------------------------------------
 
 std::vector<Cloud> gather(const std::vector<Particle>& particles,
@@ -476,13 +505,8 @@ std::vector<Cloud> gather(const std::vector<Particle>& particles,
   for (std::size_t s = 0; s < clouds.size(); ++s) {
     clouds[s].sheet = static_cast<std::int32_t>(s);
     clouds[s].rim_size = rims[s].size();
-    for (const RimParticle& r : rims[s]) {
-      SurfacePoint p;
-      p.position = fixed[r.particle].position;
-      p.normal = r.normal;
-      p.h_mm = fixed[r.particle].h_mm;
-      clouds[s].add(p, false);
-    }
+    for (const RimParticle& r : rims[s])
+      clouds[s].add(r.place, false);
   }
   std::vector<std::size_t> guards(clouds.size(), 0);
   for (std::size_t i = frozen; i < particles.size(); ++i) {
@@ -527,17 +551,25 @@ void separate(std::vector<Particle>& particles, const InterfaceMesh& dense, doub
     const auto& v = dense.facets[p.carrier[0]];
     p.position =
         nearest_on_triangle(p.position, dense.points[v[0]], dense.points[v[1]], dense.points[v[2]]);
+    p.is_on_stratum = false;
   }
 }
 
 struct StarSums {
   double edges = 0, sum = 0, squares = 0, nearest = 0;
+  double shortest = std::numeric_limits<double>::infinity(), longest = 0;
   std::size_t particles = 0, six = 0;
 };
 
 StarSums join(const StarSums& a, const StarSums& b) {
-  return {a.edges + b.edges,         a.sum + b.sum, a.squares + b.squares, a.nearest + b.nearest,
-          a.particles + b.particles, a.six + b.six};
+  return {a.edges + b.edges,
+          a.sum + b.sum,
+          a.squares + b.squares,
+          a.nearest + b.nearest,
+          std::min(a.shortest, b.shortest),
+          std::max(a.longest, b.longest),
+          a.particles + b.particles,
+          a.six + b.six};
 }
 
 // Edges of the local triangulations: each once if both ends move, all that end at the rim.
@@ -554,12 +586,13 @@ StarSums measure(const Cloud& c) {
         for (const auto j : star.ring) {
           const double ratio = distance(c.position[i], c.position[j]) / mean_h(c, i, j);
           nearest = std::min(nearest, ratio);
+          sums.longest = std::max(sums.longest, ratio);
           const double weight = std::size_t(j) < c.rim_size ? 1 : 0.5;
           sums.edges += weight;
           sums.sum += weight * ratio;
           sums.squares += weight * ratio * ratio;
         }
-        sums.nearest = nearest;
+        sums.nearest = sums.shortest = nearest;
         return sums;
       },
       join);
@@ -567,16 +600,15 @@ StarSums measure(const Cloud& c) {
 
 void write_statistics(const std::vector<Cloud>& clouds, DistributeParticlesStats& stats) {
   StarSums all;
-  for (const Cloud& c : clouds) {
+  for (const Cloud& c : clouds)
     all = join(all, measure(c));
-    for (std::size_t i = c.rim_size; i < c.size(); ++i)
-      stats.on_dense_facet += c.is_projected[i] == 0;
-  }
   if (all.particles == 0) return;
   const auto particles = static_cast<double>(all.particles);
   stats.edge_over_h_mean = all.sum / all.edges;
   stats.edge_over_h_sd = std::sqrt(
       std::max(0.0, all.squares / all.edges - stats.edge_over_h_mean * stats.edge_over_h_mean));
+  stats.edge_over_h_min = all.shortest;
+  stats.edge_over_h_max = all.longest;
   stats.nearest_over_h_mean = all.nearest / particles;
   stats.six_neighbour_share = static_cast<double>(all.six) / particles;
 }
@@ -584,7 +616,7 @@ void write_statistics(const std::vector<Cloud>& clouds, DistributeParticlesStats
 }  // namespace
 
 DistributeParticlesResult distribute_particles(ParticleSet particles,
-                                               const ParticleDomain& domain,
+                                               const Sheets& sheets,
                                                const DistributeParticlesOptions& options,
                                                const StageContext& context) {
   require(options.max_sweeps >= 0, ErrorCode::BadParameter, kStage,
@@ -596,10 +628,10 @@ DistributeParticlesResult distribute_particles(ParticleSet particles,
   const auto frozen = static_cast<std::size_t>(
       std::find_if(all.begin(), all.end(), [](const Particle& p) { return p.dimension == 2; }) -
       all.begin());
-  const Sheets sheets(domain);
   std::vector<Cloud> clouds = gather(all, sheets, frozen);
   std::vector<Changes> changes(clouds.size());
   std::vector<int> rounds(clouds.size(), 0);
+  std::vector<std::size_t> guards(clouds.size(), 0);
   const auto for_each_cloud = [&](const auto& body) {
     parallel_for_each_index(0, clouds.size(), body, 1);
     for (Changes& c : changes) {
@@ -646,7 +678,9 @@ DistributeParticlesResult distribute_particles(ParticleSet particles,
   for_each_cloud([&](std::size_t s) {
     rebuild(clouds[s]);
     changes[s].deleted = delete_coincident(clouds[s]);
+    guards[s] = add_loop_guards(clouds[s], sheets);
   });
+  stats.loop_guards = std::accumulate(guards.begin(), guards.end(), std::size_t{0});
   write_statistics(clouds, stats);
   std::stable_sort(clouds.begin(), clouds.end(), [&](const Cloud& a, const Cloud& b) {
     return sheets.sheets[a.sheet].patch < sheets.sheets[b.sheet].patch;
@@ -660,9 +694,13 @@ DistributeParticlesResult distribute_particles(ParticleSet particles,
       p.origin = c.is_guard[i] != 0 ? ParticleOrigin::Guard : ParticleOrigin::Optimised;
       p.stratum = sheets.sheets[c.sheet].patch;
       p.carrier[0] = c.facet[i];
+      p.is_on_stratum = c.is_projected[i] != 0;
       all.push_back(p);
     }
-  separate(all, domain.dense, sheets.voxel_mm());
+  separate(all, sheets.domain().dense, sheets.voxel_mm());
+  stats.on_dense_facet = static_cast<std::size_t>(
+      std::count_if(all.begin() + static_cast<std::ptrdiff_t>(frozen), all.end(),
+                    [](const Particle& p) { return !p.is_on_stratum; }));
   result.particles = std::move(particles);
   report_progress(context, kStage, 1);
   return result;

@@ -24,6 +24,7 @@ struct Particle {
   double h_mm = 0;             ///< target edge length here
   std::uint8_t dimension = 2;  ///< 0 corner, 1 curve, 2 interface
   ParticleOrigin origin = ParticleOrigin::Optimised;
+  bool is_on_stratum = true;           ///< on the smooth stratum itself, not just on its carrier
   std::int32_t stratum = -1;           ///< dense vertex (0), curve (1) or patch (2) of `Strata`
   std::int32_t carrier[2] = {-1, -1};  ///< dense vertex | two dense vertices of an edge | facet
 };

@@ -159,8 +159,10 @@ std::vector<Particle> divide(std::int32_t id,
     particle.position = mix(chain.smooth[segment], chain.smooth[segment + 1], t);
     if (!project_onto_zero(domain.level_sets, equations.differences, equations.is_fixed, half_voxel,
                            particle.position) ||
-        !is_near(particle.position))
+        !is_near(particle.position)) {
       particle.position = on_edge;
+      particle.is_on_stratum = false;
+    }
     particles.push_back(particle);
   }
   return particles;
@@ -185,7 +187,9 @@ void separate(std::vector<Particle>& particles,
   std::vector<std::int32_t> found;
   for (std::size_t i = 0; i < particles.size(); ++i) {
     tree.within(particles[i].position, reach, found);
-    if (found.size() > 1) particles[i].position = on_carrier(particles[i], domain.dense);
+    if (found.size() < 2) continue;
+    particles[i].position = on_carrier(particles[i], domain.dense);
+    particles[i].is_on_stratum = false;
   }
 }
 
@@ -213,13 +217,14 @@ std::vector<Particle> place_corners(const ParticleDomain& domain) {
     }
     std::sort(materials.begin(), materials.end());
     materials.erase(std::unique(materials.begin(), materials.end()), materials.end());
-    if (!is_on_wall && materials.size() == 4)
-      project_onto_zero(domain.level_sets,
-                        {{materials[1], materials[0]},
-                         {materials[2], materials[1]},
-                         {materials[3], materials[2]}},
-                        {false, false, false}, kHalfVoxel * domain.level_sets.frame().voxel_mm(),
-                        particle.position);
+    particle.is_on_stratum =
+        !is_on_wall && materials.size() == 4 &&
+        project_onto_zero(domain.level_sets,
+                          {{materials[1], materials[0]},
+                           {materials[2], materials[1]},
+                           {materials[3], materials[2]}},
+                          {false, false, false}, kHalfVoxel * domain.level_sets.frame().voxel_mm(),
+                          particle.position);
     corners.push_back(particle);
   }
   return corners;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include "cvmesh/particles/distribute_particles.h"
+#include "cvmesh/particles/sheets.h"
 
 #include <vector>
 

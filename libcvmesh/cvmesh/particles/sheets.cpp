@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/particles/sheets.h"
 
+#include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/particles/short_loops.h"
 
@@ -8,10 +9,12 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <string>
 
 namespace cvmesh {
 namespace {
 
+constexpr char kStage[] = "seed particles";
 constexpr double kFarFromCurves = std::numeric_limits<double>::infinity();
 constexpr int kNewtonSteps = 8;  // converges in 2 to 4 from half a voxel
 constexpr double kConvergedVox = 1e-4;
@@ -73,6 +76,9 @@ Sheets::Sheets(const ParticleDomain& domain)
     : h_mm(domain.sizing_field.h_mm),
       domain_(domain),
       voxel_mm_(domain.level_sets.frame().voxel_mm()) {
+  require(h_mm.size() == domain.dense.points.size(), ErrorCode::Internal, kStage,
+          "the sizing field has " + std::to_string(h_mm.size()) + " values for " +
+              std::to_string(domain.dense.points.size()) + " dense vertices");
   stars_ = find_vertex_stars(domain_.dense);
   link_facets();
   find_sheets();
@@ -171,14 +177,14 @@ void Sheets::measure_sheets() {
     const std::size_t edges = (3 * sheet.facets.size() + boundary_edges) / 2;
     const auto euler = static_cast<long long>(sheet.vertex_count + sheet.facets.size()) -
                        static_cast<long long>(edges);
-    sheet.has_handles = euler < (sheet.is_closed ? 2 : 1);
+    sheet.has_loops = euler < (sheet.is_closed ? 2 : 1);
   }
 }
 
 void Sheets::lower_h() {
   for (Sheet& sheet : sheets) {
     sheet.lattice_count = sheet.field_count = count_at_h(sheet);
-    if (sheet.has_handles)
+    if (sheet.has_loops)
       lower_h_at_short_loops(domain_.dense, sheet.facets, domain_.sizing_field.delta, h_mm);
   }
   // A lowered h on a curve counts for all sheets around it.
@@ -316,6 +322,22 @@ SurfacePoint Sheets::describe(std::int32_t facet, const Vec3& p) const {
   return point;
 }
 
+std::int32_t Sheets::nearest_vertex(std::int32_t facet, const Vec3& p) const {
+  const auto& points = domain_.dense.points;
+  const auto& v = domain_.dense.facets[facet];
+  return *std::min_element(v.begin(), v.end(), [&](std::int32_t a, std::int32_t b) {
+    return squared_norm(points[a] - p) < squared_norm(points[b] - p);
+  });
+}
+
+SurfacePoint Sheets::at_vertex(std::int32_t v, std::int32_t sheet) const {
+  auto s = stars_.first[v];
+  while (sheet_of[stars_.facet[s]] != sheet)
+    ++s;
+  const auto f = stars_.facet[s];
+  return move(f, domain_.dense.points[v]);
+}
+
 std::vector<Sheets::Touch> Sheets::touching(std::int32_t v, std::int32_t w) const {
   std::vector<Touch> touches;
   for (auto s = stars_.first[v]; s < stars_.first[v + 1]; ++s) {
@@ -324,7 +346,7 @@ std::vector<Sheets::Touch> Sheets::touching(std::int32_t v, std::int32_t w) cons
     if (w >= 0 && corners[0] != w && corners[1] != w && corners[2] != w) continue;
     auto touch = std::find_if(touches.begin(), touches.end(),
                               [&](const Touch& t) { return t.sheet == sheet_of[f]; });
-    if (touch == touches.end()) touch = touches.insert(touch, Touch{sheet_of[f], {}});
+    if (touch == touches.end()) touch = touches.insert(touch, Touch{sheet_of[f], f, {}});
     touch->normal += facet_area(f) * facet_normal_[f];
   }
   for (Touch& t : touches)
@@ -339,8 +361,14 @@ std::vector<std::vector<RimParticle>> find_rims(const Sheets& sheets,
   std::vector<std::vector<RimParticle>> rims(sheets.sheets.size());
   for (std::size_t i = 0; i < corners_and_curves.size(); ++i) {
     const Particle& p = corners_and_curves[i];
-    for (const auto& touch : sheets.touching(p.carrier[0], p.carrier[1]))
-      rims[touch.sheet].push_back({static_cast<std::int32_t>(i), touch.normal});
+    for (const auto& touch : sheets.touching(p.carrier[0], p.carrier[1])) {
+      SurfacePoint place;
+      place.position = p.position;
+      place.normal = touch.normal;
+      place.h_mm = p.h_mm;
+      place.facet = touch.facet;
+      rims[touch.sheet].push_back({static_cast<std::int32_t>(i), place});
+    }
   }
   return rims;
 }

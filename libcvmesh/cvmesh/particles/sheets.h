@@ -1,25 +1,50 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include "cvmesh/particles/distribute_particles.h"
+#include "cvmesh/levelset/level_sets.h"
+#include "cvmesh/mesh/interface_mesh.h"
+#include "cvmesh/particles/particle_set.h"
+#include "cvmesh/sizing/sizing_field.h"
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
 namespace cvmesh {
 
+/// Everything the particle stages read.
+struct ParticleDomain {
+  const InterfaceMesh& dense;
+  const Strata& strata;
+  const LevelSets& level_sets;
+  const SizingField& sizing_field;
+};
+
 /// One connected component of a patch: what its particles share.
 struct Sheet {
   std::int32_t patch = -1;
   bool is_closed = true;             ///< no curve bounds it
-  bool has_handles = false;          ///< neither a sphere nor a disc
+  bool has_loops = false;            ///< that bound nothing: neither a sphere nor a disc
   std::vector<std::int32_t> facets;  ///< of the dense mesh, ascending
   std::size_t vertex_count = 0;
   double lattice_count = 0;  ///< (2 / sqrt 3) * integral of dA / h^2
   double field_count = 0;    ///< the same before h was lowered at short loops
   /// Total geodesic curvature of the boundary over 2 pi: 1 for a flat disc, 0 for a hemisphere.
   double boundary_turns = 0;
+};
+
+/// Two unit vectors across a unit normal, right-handed with it.
+struct TangentFrame {
+  Vec3 u, v;
+
+  explicit TangentFrame(const Vec3& normal)
+      : u(normalized(cross(std::abs(normal.x) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0}, normal))),
+        v(cross(normal, u)) {}
+
+  [[nodiscard]] Vec3 at_angle(double radians) const {
+    return std::cos(radians) * u + std::sin(radians) * v;
+  }
 };
 
 /// Where a point of the surface is, and what is known there.
@@ -41,6 +66,7 @@ struct SurfacePoint {
 /// points keep to it exactly.
 class Sheets {
  public:
+  /// @throws Error Internal when the sizing field does not belong to the dense surface
   explicit Sheets(const ParticleDomain& domain);
 
   std::vector<Sheet> sheets;           ///< ordered by their smallest facet
@@ -62,10 +88,23 @@ class Sheets {
   /// there: what a corner or curve particle is to the particles of a sheet.
   struct Touch {
     std::int32_t sheet = -1;
+    std::int32_t facet = -1;  ///< of the sheet, there
     Vec3 normal;
   };
 
   [[nodiscard]] std::vector<Touch> touching(std::int32_t v, std::int32_t w = -1) const;
+
+  /// The corner of a facet that is nearest to `p`.
+  [[nodiscard]] std::int32_t nearest_vertex(std::int32_t facet, const Vec3& p) const;
+  /// A dense vertex as a place on one of the sheets around it, projected off the curves only.
+  [[nodiscard]] SurfacePoint at_vertex(std::int32_t v, std::int32_t sheet) const;
+
+  [[nodiscard]] const Vec3& vertex_normal(std::int32_t v) const { return vertex_normal_[v]; }
+
+  /// The facet of lowest index around a dense vertex.
+  [[nodiscard]] std::int32_t first_facet(std::int32_t v) const {
+    return stars_.facet[stars_.first[v]];
+  }
 
   [[nodiscard]] double facet_area(std::int32_t f) const;
   [[nodiscard]] double facet_h(std::int32_t f) const;  ///< mean over its vertices
@@ -98,7 +137,7 @@ class Sheets {
 /// A corner or curve particle as the particles of one sheet see it.
 struct RimParticle {
   std::int32_t particle = -1;  ///< index into the corner and curve particles
-  Vec3 normal;                 ///< of this sheet, there
+  SurfacePoint place;          ///< with facet and normal of this sheet
 };
 
 /// Corner and curve particles around each sheet, in the order of the particles.

@@ -8,7 +8,9 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <queue>
+#include <set>
 #include <tuple>
 #include <utility>
 
@@ -87,20 +89,14 @@ class SheetGraph {
     }
   }
 
-  // False when every loop bounds: a sphere or a disc.
-  bool find_cocycle() {
-    std::vector<bool> is_in_tree(edges.size(), false);
-    std::vector<bool> is_reached(vertices.size(), false);
-    std::vector<std::int32_t> queue{0};
-    is_reached[0] = true;
-    for (std::size_t q = 0; q < queue.size(); ++q)
-      for (auto n = first[queue[q]]; n < first[queue[q] + 1]; ++n) {
-        const auto v = other_end(incident[n], queue[q]);
-        if (is_reached[v]) continue;
-        is_reached[v] = is_in_tree[incident[n]] = true;
-        queue.push_back(v);
-      }
-    // The tree of facets grows from the rim (one node for all of it) or from the first facet.
+  // Whether a loop along the rim counts as one that bounds nothing.
+  enum class Rim { Bounds, Counts };
+
+  // False when every loop bounds.
+  bool find_cocycle(Rim rim) {
+    std::vector<bool> is_in_tree = spanning_tree(rim);
+    // The tree of facets grows from the rim (all of it as one node, or from one edge of it), or
+    // from the first facet.
     std::vector<bool> is_facet_reached(edges_of_facet.size(), false);
     std::vector<std::int32_t> parent_edge(edges_of_facet.size(), -1), order;
     const auto reach = [&](std::int32_t f, std::int32_t through) {
@@ -110,7 +106,7 @@ class SheetGraph {
       if (through >= 0) is_in_tree[through] = true;
       order.push_back(f);
     };
-    for (std::size_t e = 0; e < edges.size(); ++e)
+    for (std::size_t e = 0; e < edges.size() && (rim == Rim::Bounds || order.empty()); ++e)
       if (edges[e].facet[1] < 0 && !is_in_tree[e])
         reach(edges[e].facet[0], static_cast<std::int32_t>(e));
     if (order.empty()) reach(0, -1);
@@ -138,6 +134,37 @@ class SheetGraph {
       edges[parent].word = word;
     }
     return true;
+  }
+
+  // A tree of edges over all vertices: breadth first, so that its paths are short; where the rim
+  // counts, the edges of the rim come first, so that no other path of the tree cuts it off from
+  // itself and the facets with it.
+  [[nodiscard]] std::vector<bool> spanning_tree(Rim rim) const {
+    std::vector<bool> is_in_tree(edges.size(), false), is_reached(vertices.size(), false);
+    std::vector<std::int32_t> queue;
+    const auto visit = [&](std::int32_t v) {
+      if (is_reached[v]) return;
+      is_reached[v] = true;
+      queue.push_back(v);
+      if (rim == Rim::Bounds) return;
+      // The whole component of the rim at once.
+      for (std::size_t q = queue.size() - 1; q < queue.size(); ++q)
+        for (auto n = first[queue[q]]; n < first[queue[q] + 1]; ++n) {
+          const auto w = other_end(incident[n], queue[q]);
+          if (edges[incident[n]].facet[1] >= 0 || is_reached[w]) continue;
+          is_reached[w] = is_in_tree[incident[n]] = true;
+          queue.push_back(w);
+        }
+    };
+    visit(0);
+    for (std::size_t q = 0; q < queue.size(); ++q)
+      for (auto n = first[queue[q]]; n < first[queue[q] + 1]; ++n) {
+        const auto w = other_end(incident[n], queue[q]);
+        if (is_reached[w]) continue;
+        is_in_tree[incident[n]] = true;
+        visit(w);
+      }
+    return is_in_tree;
   }
 
   [[nodiscard]] std::int32_t other_end(std::int32_t e, std::int32_t v) const {
@@ -310,6 +337,80 @@ bool lower_along_loops(const SheetGraph& graph,
   return is_changed;
 }
 
+// The Voronoi cells of particles along the edges of a sheet.
+class Cells {
+ public:
+  Cells(const SheetGraph& graph, std::vector<std::int32_t> sources)
+      : graph_(graph),
+        distance_(graph.vertices.size(), kInfinity),
+        word_(graph.vertices.size(), 0),
+        owner_(graph.vertices.size(), -1) {
+    using Item = std::tuple<double, std::int32_t, std::int32_t>;  // distance, owner, vertex
+    std::priority_queue<Item, std::vector<Item>, std::greater<>> queue;
+    std::sort(sources.begin(), sources.end());
+    sources.erase(std::unique(sources.begin(), sources.end()), sources.end());
+    // Without any particle the first vertex stands for the one that is missing.
+    if (sources.empty()) sources.push_back(graph.vertices.front());
+    for (const auto source : sources) {
+      const auto v = static_cast<std::int32_t>(
+          std::lower_bound(graph.vertices.begin(), graph.vertices.end(), source) -
+          graph.vertices.begin());
+      distance_[v] = 0;
+      owner_[v] = v;
+      queue.emplace(0, v, v);
+    }
+    while (!queue.empty()) {
+      const auto [d, owner, v] = queue.top();
+      queue.pop();
+      if (d > distance_[v] || owner != owner_[v]) continue;
+      for (auto n = graph.first[v]; n < graph.first[v + 1]; ++n) {
+        const auto e = graph.incident[n];
+        const auto w = graph.other_end(e, v);
+        const double next = d + graph.edges[e].length;
+        if (next >= distance_[w]) continue;
+        distance_[w] = next;
+        owner_[w] = owner;
+        word_[w] = word_[v] ^ graph.edges[e].word;
+        queue.emplace(next, owner, w);
+      }
+    }
+  }
+
+  // One vertex for each cell, or pair of cells, with a loop: of the edges that show it, the end
+  // farthest from its particle.
+  [[nodiscard]] std::vector<std::int32_t> vertices_for_loops() const {
+    std::map<std::pair<std::int32_t, std::int32_t>, std::uint64_t> word_between;
+    std::map<std::pair<std::int32_t, std::int32_t>, std::int32_t> missing;
+    for (const Edge& e : graph_.edges) {
+      const std::pair<std::int32_t, std::int32_t> cells = std::minmax(owner_[e.a], owner_[e.b]);
+      const std::uint64_t word = word_[e.a] ^ word_[e.b] ^ e.word;
+      // The way from a cell to itself without leaving it has no word.
+      const auto first = word_between.try_emplace(cells, cells.first == cells.second ? 0 : word);
+      if (first.first->second == word) continue;
+      const auto far = distance_[e.a] >= distance_[e.b] ? e.a : e.b;
+      const auto [at, is_new] = missing.try_emplace(cells, far);
+      if (!is_new && distance_[far] > distance_[at->second]) at->second = far;
+    }
+    std::vector<std::int32_t> result;
+    std::set<std::int32_t> used;
+    for (const auto& [cells, v] : missing) {
+      // What is added to one cell changes its neighbours, too. A particle stands on every vertex
+      // of the loop when the farthest is its own: the dense surface has no more to give.
+      if (distance_[v] == 0 || used.count(cells.first) > 0 || used.count(cells.second) > 0)
+        continue;
+      used.insert({cells.first, cells.second});
+      result.push_back(v);
+    }
+    return result;
+  }
+
+ private:
+  const SheetGraph& graph_;
+  std::vector<double> distance_;
+  std::vector<std::uint64_t> word_;
+  std::vector<std::int32_t> owner_;  // the vertex of the cell's particle
+};
+
 }  // namespace
 
 bool lower_h_at_short_loops(const InterfaceMesh& dense,
@@ -317,7 +418,7 @@ bool lower_h_at_short_loops(const InterfaceMesh& dense,
                             double delta,
                             std::vector<double>& h_mm) {
   SheetGraph graph(dense, facets);
-  if (!graph.find_cocycle()) return false;
+  if (!graph.find_cocycle(SheetGraph::Rim::Bounds)) return false;
   std::vector<double> h;
   for (const auto v : graph.vertices)
     h.push_back(h_mm[v]);
@@ -343,6 +444,18 @@ bool lower_h_at_short_loops(const InterfaceMesh& dense,
     for (std::size_t v = 0; v < h.size(); ++v)
       h_mm[graph.vertices[v]] = std::min(h_mm[graph.vertices[v]], h[v]);
   return is_changed;
+}
+
+std::vector<std::int32_t> vertices_for_loops(const InterfaceMesh& dense,
+                                             const std::vector<std::int32_t>& facets,
+                                             const std::vector<std::int32_t>& particle_vertices) {
+  SheetGraph graph(dense, facets);
+  if (!graph.find_cocycle(SheetGraph::Rim::Counts)) return {};
+  const Cells cells(graph, particle_vertices);
+  std::vector<std::int32_t> result;
+  for (const auto v : cells.vertices_for_loops())
+    result.push_back(graph.vertices[v]);
+  return result;
 }
 
 }  // namespace cvmesh

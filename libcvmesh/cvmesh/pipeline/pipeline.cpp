@@ -276,11 +276,11 @@ class Sampler {
                              options.epsilon, r.stats.h_min_mm, r.stats.h_max_mm,
                              r.stats.expected_vertices);
         });
-    const ParticleDomain domain{dense_.mesh, dense_.strata, level_sets_, sized.sizing_field};
+    const Sheets sheets({dense_.mesh, dense_.strata, level_sets_, sized.sizing_field});
     const Parameters& parameters = run_.request.parameters;
     SeedParticlesResult seeded = run_.stage.run(
         stage_names::kSeedParticles,
-        [&] { return seed_particles(domain, parameters.seed_particles, run_.context); },
+        [&] { return seed_particles(sheets, parameters.seed_particles, run_.context); },
         [](const SeedParticlesResult& r) {
           return fmt::format("{} corners, {} on curves, {} on interfaces", r.stats.corners,
                              r.stats.curve_particles, r.stats.interface_particles);
@@ -288,7 +288,7 @@ class Sampler {
     DistributeParticlesResult distributed = run_.stage.run(
         stage_names::kParticles,
         [&] {
-          return distribute_particles(std::move(seeded.particles), domain,
+          return distribute_particles(std::move(seeded.particles), sheets,
                                       parameters.distribute_particles, run_.context);
         },
         [](const DistributeParticlesResult& r) {

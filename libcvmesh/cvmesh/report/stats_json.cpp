@@ -93,6 +93,8 @@ void to_json(Json& json, const SeedParticlesStats& stats) {
           {"curve_particles", stats.curve_particles},
           {"interface_particles", stats.interface_particles},
           {"guard_particles", stats.guard_particles},
+          {"on_dense_corner", stats.on_dense_corner},
+          {"on_dense_curve", stats.on_dense_curve},
           {"expected_interface_particles", stats.expected_interface_particles}};
 }
 
@@ -102,9 +104,12 @@ void to_json(Json& json, const DistributeParticlesStats& stats) {
           {"energy", stats.energy},
           {"split", stats.split},
           {"deleted", stats.deleted},
+          {"loop_guards", stats.loop_guards},
           {"on_dense_facet", stats.on_dense_facet},
           {"edge_over_h_mean", stats.edge_over_h_mean},
           {"edge_over_h_sd", stats.edge_over_h_sd},
+          {"edge_over_h_min", stats.edge_over_h_min},
+          {"edge_over_h_max", stats.edge_over_h_max},
           {"nearest_over_h_mean", stats.nearest_over_h_mean},
           {"six_neighbour_share", stats.six_neighbour_share}};
 }
