@@ -15,6 +15,17 @@ TEST_CASE("find_epsilon: a power law is solved in three rounds", "[pipeline][uni
   CHECK(found.epsilon == Approx(std::pow(5.0, 1 / 1.7)).epsilon(0.02));
 }
 
+TEST_CASE("find_epsilon: with a good start and its slope the second round is there",
+          "[pipeline][unit]") {
+  const auto count = [](double epsilon) { return 5000 * std::pow(epsilon, -1.2); };
+  const double near = std::pow(5.15, 1 / 1.2);  // 3 % off
+  const CountSearchResult found =
+      find_epsilon(count, {.target = 1000, .start = near, .slope = -1.2, .tolerance = 0.001});
+  CHECK(found.is_reached);
+  CHECK(found.rounds == 2);
+  CHECK(found.slope == Approx(-1.2));
+}
+
 TEST_CASE("find_epsilon: guards and clamps that flatten the law are coped with",
           "[pipeline][unit]") {
   // 400 vertices on corners and curves whatever epsilon is, and no more than 90,000.

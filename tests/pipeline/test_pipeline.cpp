@@ -197,6 +197,9 @@ TEST_CASE("run_pipeline: target_vertices is met within two percent", "[pipeline]
   CHECK(std::abs(static_cast<double>(report.particle_counts->total) - 400) <= 8);
   CHECK(report.stages.epsilon_search->particles == report.particle_counts->total);
   CHECK(report.stages.epsilon_search->epsilon > 0);
+  // The first search ends within a quarter of that, on the field that the particles follow.
+  REQUIRE(report.stages.epsilon_search->rounds == 1);
+  CHECK(std::abs(report.stages.sizing_field->expected_vertices - 400) <= 2);
 }
 
 TEST_CASE("run_pipeline: a failed run leaves its failure file only, a success removes it",

@@ -198,6 +198,32 @@ TEST_CASE("compute_sizing_field: refuses values out of range and says what to do
   CHECK(message(material).find("material 1: epsilon (0)") != std::string::npos);
 }
 
+TEST_CASE("SizingProblem: a field does not depend on those before it", "[sizing][unit]") {
+  const Surface surface = lollipop();
+  const SizingProblem problem(surface.dense, surface.strata, surface.lfs, surface.frame);
+  for (const double epsilon : {4.0, 0.5, 2.0}) {
+    const auto one = problem.field(with(epsilon), silent_context());
+    const auto other = surface.size(with(epsilon));
+    CHECK(one.sizing_field.h_mm == other.sizing_field.h_mm);
+    CHECK(one.sizing_field.volume_h_mm.values == other.sizing_field.volume_h_mm.values);
+    CHECK(one.stats.expected_vertices == other.stats.expected_vertices);
+    CHECK(one.stats.capped_vertices == other.stats.capped_vertices);
+  }
+}
+
+TEST_CASE("SizingProblem: the estimate of the vertices is close to what the field expects",
+          "[sizing][unit]") {
+  for (const Surface& surface : {ball(40), lollipop()}) {
+    const SizingProblem problem(surface.dense, surface.strata, surface.lfs, surface.frame);
+    for (const double epsilon : {0.5, 1.0, 4.0}) {
+      const double expected =
+          problem.field(with(epsilon), silent_context()).stats.expected_vertices;
+      // From there the search needs one or two fields.
+      CHECK(problem.estimate_vertices(with(epsilon)) == Approx(expected).epsilon(0.05));
+    }
+  }
+}
+
 TEST_CASE("compute_sizing_field: same values at 1, 2 and 8 threads", "[sizing][determinism]") {
   const auto run = [&](int threads) {
     tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
@@ -220,7 +246,8 @@ TEST_CASE("extend_from_points: distance to a point, on coarsened and anisotropic
     const auto frame = plain_frame({40, 50, 30}, spacing);
     const Vec3 source = frame.index_to_mm({13, 20, 11});
     for (const std::size_t max_nodes : {std::size_t{100000}, std::size_t{10000}}) {
-      const auto u = extend_from_points({source}, {3.0}, 0.5, frame, max_nodes);
+      const auto u = extend_from_points({source}, {3.0}, 0.5,
+                                        Grid<float>(coarsened(frame, max_nodes), kUnlimited));
       REQUIRE(u.frame.size() <= max_nodes);
       const Vec3 last = u.frame.index_to_mm(
           {double(u.frame.dims[0] - 1), double(u.frame.dims[1] - 1), double(u.frame.dims[2] - 1)});
@@ -253,10 +280,50 @@ TEST_CASE("limit_along_edges: a path falls off with slope delta from its lowest 
   }
   std::vector<double> values(20, 100);
   values[0] = 1;
-  limit_along_edges(mesh, find_vertex_stars(mesh), 0.25, values);
+  limit_along_edges(mesh.points, find_vertex_neighbours(mesh, find_vertex_stars(mesh)), 0.25,
+                    values);
   // Even vertices lie one apart on a straight edge path.
   for (int n = 0; n < 20; n += 2)
     CHECK(values[n] == Approx(1 + 0.25 * 0.5 * n));
+}
+
+TEST_CASE("limit_along_edges: the values that relaxing all edges to the end gives, bit for bit",
+          "[sizing][unit]") {
+  const Surface surface = lollipop();
+  const auto neighbours = find_vertex_neighbours(surface.dense, find_vertex_stars(surface.dense));
+  for (const double delta : {0.05, 0.4}) {
+    std::vector<double> plain = surface.lfs, fast = surface.lfs;
+    for (bool is_settled = false; !is_settled;) {
+      is_settled = true;
+      for (const auto& facet : surface.dense.facets)
+        for (const auto v : facet)
+          for (const auto w : facet) {
+            const double bound =
+                plain[v] + delta * distance(surface.dense.points[v], surface.dense.points[w]);
+            is_settled = is_settled && plain[w] <= bound;
+            plain[w] = std::min(plain[w], bound);
+          }
+    }
+    CHECK(plain != surface.lfs);
+    limit_along_edges(surface.dense.points, neighbours, delta, fast);
+    CHECK(fast == plain);
+  }
+}
+
+TEST_CASE("find_vertex_neighbours: each vertex across an edge, once", "[sizing][unit]") {
+  InterfaceMesh tet;
+  tet.points = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {5, 5, 5}};
+  tet.facets = {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}};
+  tet.patch_of.assign(4, {{1, 0}, 0});
+  const auto neighbours = find_vertex_neighbours(tet, find_vertex_stars(tet));
+  CHECK(neighbours.first == std::vector<std::int32_t>{0, 3, 6, 9, 12, 12});
+  for (std::int32_t v = 0; v < 4; ++v) {
+    std::vector<std::int32_t> around(neighbours.vertex.begin() + neighbours.first[v],
+                                     neighbours.vertex.begin() + neighbours.first[v + 1]);
+    around.push_back(v);
+    std::sort(around.begin(), around.end());
+    CHECK(around == std::vector<std::int32_t>{0, 1, 2, 3});
+  }
 }
 
 TEST_CASE("SizingField: trilinear inside, clamped outside", "[sizing][unit]") {

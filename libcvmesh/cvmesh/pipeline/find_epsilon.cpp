@@ -9,8 +9,6 @@ namespace cvmesh {
 
 namespace {
 
-/// A count of vertices goes with the inverse square of their spacing.
-constexpr double kAreaSlope = -2;
 /// Clamped sizes and guard particles flatten the law; a flatter slope than this is noise.
 constexpr double kFlattestSlope = -0.2;
 /// The secant of two close counts may point anywhere: never more than this factor in one step.
@@ -20,10 +18,14 @@ struct Trial {
   double log_epsilon, log_ratio;  ///< ratio: count over target
 };
 
-double next_log_epsilon(const Trial& last, const Trial& before, double low, double high) {
+/// The slope from one trial to the next; `known` where they do not show any.
+double slope_between(const Trial& last, const Trial& before, double known) {
   const double span = last.log_epsilon - before.log_epsilon;
-  double slope = span == 0 ? kAreaSlope : (last.log_ratio - before.log_ratio) / span;
-  if (!(slope < kFlattestSlope)) slope = kAreaSlope;
+  const double slope = span == 0 ? known : (last.log_ratio - before.log_ratio) / span;
+  return slope < kFlattestSlope ? slope : known;
+}
+
+double next_log_epsilon(const Trial& last, double slope, double low, double high) {
   const double step = std::clamp(-last.log_ratio / slope, -kLargestLogStep, kLargestLogStep);
   const double next = last.log_epsilon + step;
   const bool is_bracketed = std::isfinite(low) && std::isfinite(high);
@@ -58,7 +60,8 @@ CountSearchResult find_epsilon(const std::function<double(double)>& count_at,
       low = std::max(low, log_epsilon);
     else
       high = std::min(high, log_epsilon);
-    log_epsilon = next_log_epsilon(last, before, low, high);
+    best.slope = slope_between(last, before, options.slope);
+    log_epsilon = next_log_epsilon(last, best.slope, low, high);
   }
   return best;
 }

@@ -33,7 +33,8 @@ namespace cvmesh {
 
 namespace {
 
-constexpr int kExpectedRounds = 12;  ///< of the search on expected vertices: sizing field only
+constexpr int kEstimateRounds = 12;  ///< of the search on estimates of the expected vertices
+constexpr int kExpectedRounds = 4;   ///< of the search on sizing fields, where the estimates end
 constexpr int kActualRounds = 6;     ///< of the search on real particles
 constexpr double kTargetTolerance = 0.02;
 
@@ -257,15 +258,13 @@ class Sampler {
   Sampler(Run& run, const Dense& dense, const LevelSets& level_sets, MedialAxis medial_axis)
       : run_(run), dense_(dense), level_sets_(level_sets), medial_axis_(std::move(medial_axis)) {}
 
-  /// The local feature size does not depend on the options: found by the first call.
   SizingResult size(const SizingOptions& options) {
-    if (lfs_mm_.empty()) {
-      lfs_mm_ = local_feature_size(dense_.mesh, dense_.strata, medial_axis_,
-                                   level_sets_.frame().voxel_mm(), run_.context);
-      medial_axis_ = {};
+    if (searched_ && searched_->first == options) {
+      SizingResult result = std::move(searched_->second);
+      searched_.reset();
+      return result;
     }
-    return compute_sizing_field(dense_.mesh, dense_.strata, lfs_mm_, level_sets_.frame(), options,
-                                run_.context);
+    return problem().field(options, run_.context);
   }
 
   Sampling sample(const SizingOptions& options) {
@@ -305,18 +304,9 @@ class Sampler {
   /// The sampling whose particles come nearest to `target`. First a search that computes sizing
   /// fields only, then a few rounds with real particles.
   Sampling sample_to_target(const SizingOptions& options, std::size_t target) {
-    const auto expected = [&](double factor) {
-      return size(scaled(options, factor)).stats.expected_vertices;
-    };
     const double wanted = static_cast<double>(target);
     const CountSearchResult first = run_.stage.run(
-        stage_names::kSizingField,
-        [&] {
-          return find_epsilon(expected, {.target = wanted,
-                                         .start = 1,
-                                         .tolerance = kTargetTolerance / 4,
-                                         .max_rounds = kExpectedRounds});
-        },
+        stage_names::kSizingField, [&] { return search_expected(options, wanted); },
         [&](const CountSearchResult& r) {
           return fmt::format("epsilon {:.4g} is expected to give {:.0f} of {} vertices", r.epsilon,
                              r.count, target);
@@ -352,11 +342,49 @@ class Sampler {
   }
 
  private:
+  /// What does not depend on the options is found by the first call.
+  const SizingProblem& problem() {
+    if (!problem_) {
+      problem_.emplace(dense_.mesh, dense_.strata,
+                       local_feature_size(dense_.mesh, dense_.strata, medial_axis_,
+                                          level_sets_.frame().voxel_mm(), run_.context),
+                       level_sets_.frame());
+      medial_axis_ = {};
+    }
+    return *problem_;
+  }
+
+  /// The factor for every epsilon at which the sizing field is expected to give the wanted
+  /// vertices: a search on estimates, then on the fields themselves, of which the last is kept.
+  CountSearchResult search_expected(const SizingOptions& options, double wanted) {
+    const auto estimate = [&](double factor) {
+      const double count = problem().estimate_vertices(scaled(options, factor));
+      report_progress(run_.context, stage_names::kSizingField, 0.5);
+      return count;
+    };
+    const auto expected = [&](double factor) {
+      StageContext context = run_.context;
+      context.progress = nullptr;  // it would begin anew with every field
+      const SizingOptions tried = scaled(options, factor);
+      searched_.emplace(tried, problem().field(tried, context));
+      return searched_->second.stats.expected_vertices;
+    };
+    constexpr double kTolerance = kTargetTolerance / 4;
+    const CountSearchResult near = find_epsilon(
+        estimate, {.target = wanted, .tolerance = kTolerance / 2, .max_rounds = kEstimateRounds});
+    return find_epsilon(expected, {.target = wanted,
+                                   .start = near.epsilon,
+                                   .slope = near.slope,
+                                   .tolerance = kTolerance,
+                                   .max_rounds = kExpectedRounds});
+  }
+
   Run& run_;
   const Dense& dense_;
   const LevelSets& level_sets_;
   MedialAxis medial_axis_;
-  std::vector<double> lfs_mm_;
+  std::optional<SizingProblem> problem_;
+  std::optional<std::pair<SizingOptions, SizingResult>> searched_;  ///< the search's last field
 };
 
 Sampling sample_surfaces(Run& run,

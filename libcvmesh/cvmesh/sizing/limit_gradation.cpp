@@ -5,9 +5,8 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
-#include <limits>
-#include <queue>
 #include <utility>
 
 namespace cvmesh {
@@ -19,6 +18,309 @@ namespace {
 constexpr int kMaxRounds = 4;
 constexpr double kSettled = 0.1;
 
+// ---- sources in the grid ---------------------------------------------------------------------
+
+// Nodes of the cell that holds a point, along one axis. Points of the box faces lie half a spacing
+// outside the nodes.
+struct CellEnds {
+  int lo, hi;
+
+  CellEnds(double index, int node_count) {
+    const int cell = static_cast<int>(std::floor(index));
+    lo = std::clamp(cell, 0, node_count - 1);
+    hi = std::clamp(cell + 1, 0, node_count - 1);
+  }
+};
+
+// The points in order of the layer of cells that they lie in: those of layer k are
+// `point[first[k]] .. point[first[k + 1] - 1]`.
+struct PointsByLayer {
+  std::vector<std::size_t> first;
+  std::vector<std::int32_t> point;
+};
+
+PointsByLayer sort_into_layers(const std::vector<Vec3>& points, const GridFrame& frame) {
+  std::vector<int> layer_of(points.size());
+  parallel_for_each_index(0, points.size(), [&](std::size_t n) {
+    layer_of[n] = CellEnds(points[n].z / frame.spacing_mm.z, frame.dims[2]).lo;
+  });
+  PointsByLayer layers;
+  layers.first.assign(static_cast<std::size_t>(frame.dims[2]) + 1, 0);
+  for (const int layer : layer_of)
+    ++layers.first[static_cast<std::size_t>(layer) + 1];
+  for (std::size_t k = 1; k < layers.first.size(); ++k)
+    layers.first[k] += layers.first[k - 1];
+  layers.point.resize(points.size());
+  auto fill = layers.first;
+  for (std::size_t n = 0; n < points.size(); ++n)
+    layers.point[fill[static_cast<std::size_t>(layer_of[n])]++] = static_cast<std::int32_t>(n);
+  return layers;
+}
+
+// Gives the value of a point to the corners of its cell.
+void set_source(const Vec3& point, double value, double delta, Grid<float>& u) {
+  const GridFrame& frame = u.frame;
+  const Vec3 index = frame.mm_to_index(point);
+  const CellEnds x(index.x, frame.dims[0]), y(index.y, frame.dims[1]), z(index.z, frame.dims[2]);
+  for (int k = z.lo; k <= z.hi; ++k)
+    for (int j = y.lo; j <= y.hi; ++j)
+      for (int i = x.lo; i <= x.hi; ++i) {
+        const Vec3 node = frame.index_to_mm({double(i), double(j), double(k)});
+        const double at_node = value + delta * distance(node, point);
+        u(i, j, k) = std::min(u(i, j, k), static_cast<float>(at_node));
+      }
+}
+
+// Points of one layer of cells write to two layers of nodes: every other one may run at a time.
+void set_sources(const std::vector<Vec3>& points,
+                 const std::vector<double>& values,
+                 double delta,
+                 Grid<float>& u) {
+  const PointsByLayer layers = sort_into_layers(points, u.frame);
+  const std::size_t count = layers.first.size() - 1;
+  for (const std::size_t parity : {0, 1})
+    parallel_for_each_index(
+        0, (count + 1 - parity) / 2,
+        [&](std::size_t half) {
+          const std::size_t layer = 2 * half + parity;
+          for (std::size_t n = layers.first[layer]; n < layers.first[layer + 1]; ++n)
+            set_source(points[layers.point[n]], values[layers.point[n]], delta, u);
+        },
+        1);
+}
+
+// ---- sweeps ----------------------------------------------------------------------------------
+
+// Solves sum of max(0, (u - a) / s)^2 = delta^2 for u, from three neighbours a with w = 1 / s^2.
+class UpwindSolver {
+ public:
+  UpwindSolver(const Vec3& spacing, double delta)
+      : delta2_(static_cast<float>(delta * delta)),
+        is_isotropic_(spacing.x == spacing.y && spacing.y == spacing.z) {
+    for (int axis = 0; axis < 3; ++axis) {
+      weight_[axis] = static_cast<float>(1 / (spacing[axis] * spacing[axis]));
+      step_[axis] = static_cast<float>(delta * spacing[axis]);
+    }
+  }
+
+  float operator()(float x, float y, float z) const {
+    Neighbour a{x, weight_[0], step_[0]}, b{y, weight_[1], step_[1]}, c{z, weight_[2], step_[2]};
+    if (is_isotropic_) {
+      // Sorted without a branch: which axis a value belongs to makes no difference.
+      const float low = std::min(x, y), high = std::max(x, y);
+      a.value = std::min(low, z);
+      b.value = std::max(low, std::min(high, z));
+      c.value = std::max(high, z);
+    } else {
+      if (b.value < a.value) std::swap(a, b);
+      if (c.value < b.value) std::swap(b, c);
+      if (b.value < a.value) std::swap(a, b);
+    }
+    return solve(a, b, c);
+  }
+
+ private:
+  struct Neighbour {
+    float value, weight, step;
+  };
+
+  // From ascending neighbours. All relative to the first, so that single precision is enough.
+  [[nodiscard]] float solve(const Neighbour& a, const Neighbour& b, const Neighbour& c) const {
+    const float from_b = b.value - a.value;
+    if (from_b >= a.step) return a.value + a.step;
+    float w = a.weight + b.weight, wa = b.weight * from_b, waa = b.weight * from_b * from_b;
+    float root = wa * wa - w * (waa - delta2_);
+    if (root < 0) return a.value + a.step;
+    const float u = (wa + std::sqrt(root)) / w;
+    const float from_c = c.value - a.value;
+    if (from_c >= u) return a.value + u;
+    w += c.weight;
+    wa += c.weight * from_c;
+    waa += c.weight * from_c * from_c;
+    root = wa * wa - w * (waa - delta2_);
+    return a.value + (root < 0 ? u : (wa + std::sqrt(root)) / w);
+  }
+
+  std::array<float, 3> weight_, step_;
+  float delta2_;
+  bool is_isotropic_;
+};
+
+// Gauss-Seidel sweeps. A block of rows reads only blocks one step before and after it, so blocks
+// with the same number of steps from the corner where a sweep begins run in parallel, with the
+// result of the sequential sweep. A node is due when one of its neighbours fell below it since it
+// was last visited; a visit of any other node would find nothing new.
+class Sweeper {
+ public:
+  Sweeper(Grid<float>& u, double delta)
+      : u_(u),
+        dims_(u.frame.dims),
+        solve_(u.frame.spacing_mm, delta),
+        is_due_(u.values.size(), 0),
+        row_is_due_(static_cast<std::size_t>(dims_[1]) * dims_[2], 0),
+        blocks_y_((dims_[1] + kBlock - 1) / kBlock),
+        blocks_z_((dims_[2] + kBlock - 1) / kBlock),
+        change_(blocks_z_) {
+    parallel_for_each_index(
+        0, row_is_due_.size(), [&](std::size_t row) { begin_row(row); }, kBlock);
+  }
+
+  // One sweep in the given directions (+1 or -1); returns the largest decrease.
+  float operator()(const std::array<int, 3>& direction) {
+    std::fill(change_.begin(), change_.end(), 0.0F);
+    for (int wave = 0; wave <= blocks_y_ + blocks_z_ - 2; ++wave) {
+      const int first = std::max(0, wave - (blocks_y_ - 1)), last = std::min(wave, blocks_z_ - 1);
+      parallel_for_each_index(
+          first, std::size_t(last) + 1,
+          [&](std::size_t z) {
+            const float change = sweep_block(direction, wave - static_cast<int>(z), int(z));
+            change_[z] = std::max(change_[z], change);
+          },
+          1);
+    }
+    return *std::max_element(change_.begin(), change_.end());
+  }
+
+ private:
+  static constexpr int kBlock = 8;  // rows along y and z: enough work for a task
+
+  // Block (y, z) counted from where the sweep begins.
+  float sweep_block(const std::array<int, 3>& direction, int y, int z) {
+    float largest = 0;
+    for (int nk = z * kBlock; nk < std::min((z + 1) * kBlock, dims_[2]); ++nk)
+      for (int nj = y * kBlock; nj < std::min((y + 1) * kBlock, dims_[1]); ++nj)
+        largest =
+            std::max(largest, sweep_row(direction[0] > 0, direction[1] > 0 ? nj : dims_[1] - 1 - nj,
+                                        direction[2] > 0 ? nk : dims_[2] - 1 - nk));
+    return largest;
+  }
+
+  // A row of nodes and the four rows beside it; one that the border cuts off repeats the other one.
+  struct Row {
+    float* u;
+    std::uint8_t* is_due;
+    std::array<std::ptrdiff_t, 4> beside;      // y-, y+, z-, z+ as steps in `u`
+    std::array<std::ptrdiff_t, 4> row_beside;  // the same as steps in `row_is_due_`
+    std::size_t row;
+  };
+
+  Row row_at(int j, int k) {
+    const std::size_t row = static_cast<std::size_t>(k) * dims_[1] + j;
+    const std::ptrdiff_t ny = dims_[1];
+    const std::ptrdiff_t y0 = j > 0 ? -1 : j + 1 < dims_[1] ? 1 : 0;
+    const std::ptrdiff_t y1 = j + 1 < dims_[1] ? 1 : y0;
+    const std::ptrdiff_t z0 = k > 0 ? -ny : k + 1 < dims_[2] ? ny : 0;
+    const std::ptrdiff_t z1 = k + 1 < dims_[2] ? ny : z0;
+    const std::ptrdiff_t nx = dims_[0];
+    return {&u_(0, j, k),
+            &is_due_[row * dims_[0]],
+            {y0 * nx, y1 * nx, z0 * nx, z1 * nx},
+            {y0, y1, z0, z1},
+            row};
+  }
+
+  // Rows of one wave may mark the same row: the mark is atomic, and says the same from both.
+  static void mark(std::uint8_t& flag) {
+    std::atomic_ref<std::uint8_t>(flag).store(1, std::memory_order_relaxed);
+  }
+
+  // Before the first sweep a node is due when a neighbour lies below it.
+  void begin_row(std::size_t index) {
+    const Row row = row_at(static_cast<int>(index % dims_[1]), static_cast<int>(index / dims_[1]));
+    for (int i = 0; i < dims_[0]; ++i) {
+      const float* at = row.u + i;
+      bool is_due = (i > 0 && at[-1] < *at) || (i + 1 < dims_[0] && at[1] < *at);
+      for (const auto step : row.beside)
+        is_due = is_due || at[step] < *at;
+      row.is_due[i] = is_due ? 1 : 0;
+      row_is_due_[index] |= row.is_due[i];
+    }
+  }
+
+  float sweep_row(bool is_forward, int j, int k) {
+    std::uint8_t& row_is_due = row_is_due_[static_cast<std::size_t>(k) * dims_[1] + j];
+    if (row_is_due == 0) return 0;
+    row_is_due = 0;
+    const Row row = row_at(j, k);
+    const int nx = dims_[0], step = is_forward ? 1 : -1;
+    float largest = 0;
+    for (int i = is_forward ? 0 : nx - 1; i >= 0 && i < nx; i += step) {
+      if (row.is_due[i] == 0) continue;
+      row.is_due[i] = 0;
+      float* at = row.u + i;
+      const float x = std::min(i > 0 ? at[-1] : kUnlimited, i + 1 < nx ? at[1] : kUnlimited);
+      const float y = std::min(at[row.beside[0]], at[row.beside[1]]);
+      const float z = std::min(at[row.beside[2]], at[row.beside[3]]);
+      if (!(*at > std::min(x, std::min(y, z)))) continue;
+      const float value = solve_(x, y, z);
+      if (!(value < *at)) continue;
+      largest = std::max(largest, *at - value);
+      *at = value;
+      mark_above(row, i);
+    }
+    return largest;
+  }
+
+  // The neighbours of a node that fell, as far as they lie above it.
+  void mark_above(const Row& row, int i) {
+    const float* at = row.u + i;
+    for (const int next : {i - 1, i + 1})
+      if (next >= 0 && next < dims_[0] && row.u[next] > *at) {
+        row.is_due[next] = 1;
+        row_is_due_[row.row] = 1;
+      }
+    for (int n = 0; n < 4; ++n)
+      if (at[row.beside[n]] > *at) {
+        mark(row.is_due[i + row.beside[n]]);
+        mark(row_is_due_[row.row + row.row_beside[n]]);
+      }
+  }
+
+  Grid<float>& u_;
+  std::array<int, 3> dims_;
+  UpwindSolver solve_;
+  std::vector<std::uint8_t> is_due_, row_is_due_;  // of the nodes, of any node of a row
+  int blocks_y_, blocks_z_;
+  std::vector<float> change_;  // of the blocks at each z
+};
+
+// ---- the surface -----------------------------------------------------------------------------
+
+// Vertices in ascending order of a value, in buckets of equal width.
+class BucketQueue {
+ public:
+  BucketQueue(double lowest, double highest)
+      : lowest_(lowest), per_bucket_(highest > lowest ? kBuckets / (highest - lowest) : 0) {}
+
+  void push(std::int32_t vertex, double value) { buckets_[bucket_of(value)].push_back(vertex); }
+
+  // Calls visit(vertex) for each vertex that is pushed, during the visits too. One that was pushed
+  // again for a lower value is visited there only: `value_of(vertex)` tells.
+  template <typename ValueOf, typename Visit>
+  void visit_all(const ValueOf& value_of, const Visit& visit) {
+    for (std::size_t b = 0; b < buckets_.size(); ++b) {
+      for (std::size_t n = 0; n < buckets_[b].size(); ++n) {
+        const std::int32_t vertex = buckets_[b][n];
+        if (bucket_of(value_of(vertex)) == b) visit(vertex);
+      }
+      buckets_[b] = {};
+    }
+  }
+
+ private:
+  static constexpr std::size_t kBuckets = 4096;
+
+  [[nodiscard]] std::size_t bucket_of(double value) const {
+    const double place = (value - lowest_) * per_bucket_;
+    return place < kBuckets - 1 ? static_cast<std::size_t>(std::max(place, 0.0)) : kBuckets - 1;
+  }
+
+  double lowest_, per_bucket_;
+  std::vector<std::vector<std::int32_t>> buckets_{kBuckets};
+};
+
+}  // namespace
+
 GridFrame coarsened(const GridFrame& frame, std::size_t max_nodes) {
   GridFrame result = frame;
   for (int factor = 2; result.size() > max_nodes; ++factor) {
@@ -26,157 +328,21 @@ GridFrame coarsened(const GridFrame& frame, std::size_t max_nodes) {
     result.spacing_mm *= factor;
     for (auto& row : result.index_to_world.rows)
       row *= factor;
-    // The last node lies at or beyond the last of `frame`.
     for (int axis = 0; axis < 3; ++axis)
       result.dims[axis] = (frame.dims[axis] - 1 + factor - 1) / factor + 1;
   }
   return result;
 }
 
-// Each point gives its value to the corners of its cell.
-void set_sources(const std::vector<Vec3>& points,
-                 const std::vector<double>& values,
-                 double delta,
-                 Grid<float>& u) {
-  const auto& frame = u.frame;
-  for (std::size_t n = 0; n < points.size(); ++n) {
-    const Vec3 index = frame.mm_to_index(points[n]);
-    std::array<int, 3> lo, hi;
-    for (int axis = 0; axis < 3; ++axis) {
-      // Points of the box faces lie half a spacing outside the nodes.
-      const int last = frame.dims[axis] - 1;
-      lo[axis] = std::clamp(static_cast<int>(std::floor(index[axis])), 0, last);
-      hi[axis] = std::clamp(static_cast<int>(std::floor(index[axis])) + 1, 0, last);
-    }
-    for (int k = lo[2]; k <= hi[2]; ++k)
-      for (int j = lo[1]; j <= hi[1]; ++j)
-        for (int i = lo[0]; i <= hi[0]; ++i) {
-          const Vec3 node = frame.index_to_mm({double(i), double(j), double(k)});
-          const double value = values[n] + delta * distance(node, points[n]);
-          u(i, j, k) = std::min(u(i, j, k), static_cast<float>(value));
-        }
-  }
-}
-
-// Solves sum of max(0, (u - a) / s)^2 = delta^2 for u, from three neighbours a with w = 1 / s^2.
-class UpwindSolver {
- public:
-  UpwindSolver(const Vec3& spacing, double delta) : delta2_(static_cast<float>(delta * delta)) {
-    for (int axis = 0; axis < 3; ++axis) {
-      weight_[axis] = static_cast<float>(1 / (spacing[axis] * spacing[axis]));
-      step_[axis] = static_cast<float>(delta * spacing[axis]);
-    }
-  }
-
-  // Relative to the smallest neighbour, so that single precision is enough.
-  float operator()(float x, float y, float z) const {
-    std::array<float, 3> a{x, y, z};
-    std::array<int, 3> order{0, 1, 2};
-    if (a[order[1]] < a[order[0]]) std::swap(order[0], order[1]);
-    if (a[order[2]] < a[order[1]]) std::swap(order[1], order[2]);
-    if (a[order[1]] < a[order[0]]) std::swap(order[0], order[1]);
-    const float base = a[order[0]];
-    float u = step_[order[0]];
-    float w = weight_[order[0]], wa = 0, waa = 0;
-    for (int n = 1; n < 3; ++n) {
-      const float value = a[order[n]] - base;
-      if (value >= u) break;
-      const float weight = weight_[order[n]];
-      w += weight;
-      wa += weight * value;
-      waa += weight * value * value;
-      const float root = wa * wa - w * (waa - delta2_);
-      if (root < 0) break;
-      u = (wa + std::sqrt(root)) / w;
-    }
-    return base + u;
-  }
-
- private:
-  std::array<float, 3> weight_, step_;
-  float delta2_;
-};
-
-// Gauss-Seidel sweeps. Rows (j, k) with the same number of steps j + k from the corner where a
-// sweep begins read only rows one step before and after, so they run in parallel with the result of
-// the sequential sweep.
-class Sweeper {
- public:
-  Sweeper(Grid<float>& u, double delta)
-      : u_(u), dims_(u.frame.dims), solve_(u.frame.spacing_mm, delta), row_change_(dims_[2]) {}
-
-  // One sweep in the given directions (+1 or -1); returns the largest decrease.
-  double operator()(const std::array<int, 3>& direction) {
-    std::fill(row_change_.begin(), row_change_.end(), 0.0F);
-    for (int wave = 0; wave <= dims_[1] + dims_[2] - 2; ++wave) {
-      const int first = std::max(0, wave - (dims_[1] - 1)), last = std::min(wave, dims_[2] - 1);
-      parallel_for_each_index(
-          first, std::size_t(last) + 1,
-          [&](std::size_t n) {
-            const int nk = static_cast<int>(n), nj = wave - nk;
-            const float change =
-                sweep_row(direction[0] > 0, direction[1] > 0 ? nj : dims_[1] - 1 - nj,
-                          direction[2] > 0 ? nk : dims_[2] - 1 - nk);
-            row_change_[n] = std::max(row_change_[n], change);
-          },
-          kRowsPerTask);
-    }
-    return *std::max_element(row_change_.begin(), row_change_.end());
-  }
-
- private:
-  static constexpr std::size_t kRowsPerTask = 16;
-
-  float sweep_row(bool is_forward, int j, int k) {
-    constexpr float kFar = std::numeric_limits<float>::max();
-    const int nx = dims_[0];
-    const std::ptrdiff_t sy = nx, sz = static_cast<std::ptrdiff_t>(nx) * dims_[1];
-    // A neighbour that the border cuts off repeats the other one.
-    const std::ptrdiff_t y0 = j > 0 ? -sy : j + 1 < dims_[1] ? sy : 0;
-    const std::ptrdiff_t y1 = j + 1 < dims_[1] ? sy : y0;
-    const std::ptrdiff_t z0 = k > 0 ? -sz : k + 1 < dims_[2] ? sz : 0;
-    const std::ptrdiff_t z1 = k + 1 < dims_[2] ? sz : z0;
-    float* row = &u_(0, j, k);
-    float largest = 0, before = kFar;  // `before` is the neighbour that was just updated
-    for (int ni = 0; ni < nx; ++ni) {
-      const int i = is_forward ? ni : nx - 1 - ni;
-      const int next = is_forward ? i + 1 : i - 1;
-      float* at = row + i;
-      const float x = std::min(before, ni + 1 < nx ? row[next] : kFar);
-      const float y = std::min(at[y0], at[y1]);
-      const float z = std::min(at[z0], at[z1]);
-      if (*at > std::min(x, std::min(y, z))) {
-        const float value = solve_(x, y, z);
-        if (value < *at) {
-          largest = std::max(largest, *at - value);
-          *at = value;
-        }
-      }
-      before = *at;
-    }
-    return largest;
-  }
-
-  Grid<float>& u_;
-  std::array<int, 3> dims_;
-  UpwindSolver solve_;
-  std::vector<float> row_change_;
-};
-
-}  // namespace
-
 Grid<float> extend_from_points(const std::vector<Vec3>& points,
                                const std::vector<double>& values,
                                double delta,
-                               const GridFrame& frame,
-                               std::size_t max_nodes) {
-  Grid<float> u(coarsened(frame, max_nodes), std::numeric_limits<float>::max());
-  if (points.empty()) return u;
+                               Grid<float> u) {
   set_sources(points, values, delta, u);
   Sweeper sweep(u, delta);
   const double settled = kSettled * delta * u.frame.voxel_mm();
   for (int round = 0; round < kMaxRounds; ++round) {
-    double largest = 0;
+    float largest = 0;
     for (int octant = 0; octant < 8; ++octant)
       largest = std::max(largest, sweep({(octant & 1) != 0 ? -1 : 1, (octant & 2) != 0 ? -1 : 1,
                                          (octant & 4) != 0 ? -1 : 1}));
@@ -185,29 +351,68 @@ Grid<float> extend_from_points(const std::vector<Vec3>& points,
   return u;
 }
 
-void limit_along_edges(const InterfaceMesh& mesh,
-                       const VertexStars& stars,
+VertexNeighbours find_vertex_neighbours(const InterfaceMesh& mesh, const VertexStars& stars) {
+  constexpr std::size_t kChunk = 4096;
+  const std::size_t count = mesh.points.size();
+  std::vector<std::vector<std::int32_t>> lists((count + kChunk - 1) / kChunk);
+  VertexNeighbours result;
+  result.first.assign(count + 1, 0);
+  parallel_for_each_index(
+      0, lists.size(),
+      [&](std::size_t chunk) {
+        std::vector<std::int32_t>& list = lists[chunk];
+        for (std::size_t v = chunk * kChunk; v < std::min(count, (chunk + 1) * kChunk); ++v) {
+          const auto begin = static_cast<std::ptrdiff_t>(list.size());
+          for (auto s = stars.first[v]; s < stars.first[v + 1]; ++s)
+            for (const auto w : mesh.facets[stars.facet[s]])
+              if (w != static_cast<std::int32_t>(v) &&
+                  std::find(list.begin() + begin, list.end(), w) == list.end())
+                list.push_back(w);
+          result.first[v + 1] = static_cast<std::int32_t>(list.size()) - std::int32_t(begin);
+        }
+      },
+      1);
+  for (std::size_t v = 0; v < count; ++v)
+    result.first[v + 1] += result.first[v];
+  result.vertex.resize(static_cast<std::size_t>(result.first[count]));
+  parallel_for_each_index(
+      0, lists.size(),
+      [&](std::size_t chunk) {
+        std::copy(lists[chunk].begin(), lists[chunk].end(),
+                  result.vertex.begin() + result.first[chunk * kChunk]);
+        lists[chunk] = {};
+      },
+      1);
+  return result;
+}
+
+void limit_along_edges(const std::vector<Vec3>& points,
+                       const VertexNeighbours& neighbours,
                        double delta,
                        std::vector<double>& values) {
-  using Entry = std::pair<double, std::int32_t>;  // smallest value first
-  std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue;
-  const auto lower_neighbours = [&](std::int32_t v) {
-    for (auto s = stars.first[v]; s < stars.first[v + 1]; ++s)
-      for (const auto w : mesh.facets[stars.facet[s]]) {
-        const double value = values[v] + delta * distance(mesh.points[v], mesh.points[w]);
-        if (value < values[w]) {
-          values[w] = value;
-          queue.push({value, w});
-        }
-      }
+  if (values.empty()) return;
+  const auto visit_higher = [&](std::size_t v, const auto& visit) {
+    for (auto n = neighbours.first[v]; n < neighbours.first[v + 1]; ++n) {
+      const std::int32_t w = neighbours.vertex[n];
+      const double value = values[v] + delta * distance(points[v], points[w]);
+      if (value < values[w]) visit(w, value);
+    }
   };
+  std::vector<std::uint8_t> is_source(values.size(), 0);
+  parallel_for_each_index(0, values.size(), [&](std::size_t v) {
+    visit_higher(v, [&](std::int32_t, double) { is_source[v] = 1; });
+  });
+  const auto [lowest, highest] = std::minmax_element(values.begin(), values.end());
+  BucketQueue queue(*lowest, *highest);
   for (std::size_t v = 0; v < values.size(); ++v)
-    lower_neighbours(static_cast<std::int32_t>(v));
-  while (!queue.empty()) {
-    const auto [value, v] = queue.top();
-    queue.pop();
-    if (value <= values[v]) lower_neighbours(v);
-  }
+    if (is_source[v] != 0) queue.push(static_cast<std::int32_t>(v), values[v]);
+  queue.visit_all([&](std::int32_t v) { return values[v]; },
+                  [&](std::int32_t v) {
+                    visit_higher(static_cast<std::size_t>(v), [&](std::int32_t w, double value) {
+                      values[w] = value;
+                      queue.push(w, value);
+                    });
+                  });
 }
 
 }  // namespace cvmesh

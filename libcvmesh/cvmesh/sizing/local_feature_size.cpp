@@ -36,31 +36,6 @@ constexpr double kMinHairpinVox = 6;
 // to the wedge may be left: within this distance the curve's own size is the floor.
 constexpr double kNearCurveVox = 4;
 
-// Materials around each vertex, ascending, as one flat list.
-struct MaterialsAt {
-  std::vector<std::size_t> first;
-  std::vector<MaterialId> material;
-};
-
-MaterialsAt materials_at_vertices(const InterfaceMesh& dense, const VertexStars& stars) {
-  const std::size_t n = dense.points.size();
-  MaterialsAt result;
-  result.first.assign(n + 1, 0);
-  std::vector<MaterialId> m;
-  for (std::size_t v = 0; v < n; ++v) {
-    m.clear();
-    for (auto s = stars.first[v]; s < stars.first[v + 1]; ++s) {
-      const Sides& sides = dense.patch_of[stars.facet[s]].sides;
-      m.insert(m.end(), {sides.inside, sides.outside});
-    }
-    std::sort(m.begin(), m.end());
-    m.erase(std::unique(m.begin(), m.end()), m.end());
-    result.material.insert(result.material.end(), m.begin(), m.end());
-    result.first[v + 1] = result.material.size();
-  }
-  return result;
-}
-
 // Medial points of one material.
 struct MaterialAxis {
   PointTree tree;
@@ -82,32 +57,92 @@ std::vector<MaterialAxis> axis_of_materials(const MedialAxis& axis, std::size_t 
   return result;
 }
 
-// Distance from p to the axis that the points are a sample of. The nearest point of a sheet lies
-// beside the foot of p by up to half the diagonal of a voxel face, which matters for thin sheets;
-// the distance is never below the radius there, which is exact where p is a wall of the sheet.
-double distance_to_axis(const MaterialAxis& axis, const Vec3& p, double voxel_mm) {
-  const auto hit = axis.tree.nearest(p);
-  if (hit.index < 0) return kInfinity;
-  const double radius = axis.radius_mm[hit.index];
-  const double foot2 = hit.distance * hit.distance - 0.5 * voxel_mm * voxel_mm;
-  return std::min(hit.distance, std::sqrt(std::max(radius * radius, foot2)));
+// Materials around a vertex, each once.
+void find_materials(const InterfaceMesh& dense,
+                    const Strata& strata,
+                    const VertexStars& stars,
+                    std::size_t v,
+                    std::vector<MaterialId>& materials) {
+  materials.clear();
+  for (auto s = stars.first[v]; s < stars.first[v + 1]; ++s) {
+    const Sides& sides = dense.patch_of[stars.facet[s]].sides;
+    for (const MaterialId m : {sides.inside, sides.outside})
+      if (std::find(materials.begin(), materials.end(), m) == materials.end())
+        materials.push_back(m);
+    if (strata.dimension[v] == 2) break;  // all facets belong to one patch
+  }
 }
+
+// Distances to the axes of some materials from points that mostly are neighbours: each search
+// begins where the last one ended.
+class AxisDistance {
+ public:
+  AxisDistance(const std::vector<MaterialAxis>& axes, double voxel_mm)
+      : axes_(axes), half_diagonal2_(0.5 * voxel_mm * voxel_mm), near_(axes.size(), -1) {}
+
+  // The smallest distance from p to the axis of one of the materials, which are sorted by the
+  // likely distance.
+  double operator()(const Vec3& p, std::vector<MaterialId>& materials) {
+    std::sort(materials.begin(), materials.end(),
+              [&](MaterialId m, MaterialId n) { return likely(m, p) < likely(n, p); });
+    double smallest = kInfinity;
+    for (const MaterialId m : materials) {
+      // What is farther than this is no smaller for the foot below.
+      const double limit = std::min(likely(m, p), std::sqrt(smallest * smallest + half_diagonal2_));
+      const auto hit =
+          axes_[m].tree.nearest_if(p, kSlack * limit + kSlackMm, [](std::int32_t) { return true; });
+      if (hit.index < 0) continue;
+      near_[m] = hit.index;
+      smallest = std::min(smallest, to_sheet(hit, axes_[m].radius_mm[hit.index]));
+    }
+    return smallest;
+  }
+
+ private:
+  // A point at the limit is found in spite of rounding.
+  static constexpr double kSlack = 1 + 1e-9, kSlackMm = 1e-12;
+
+  [[nodiscard]] double likely(MaterialId m, const Vec3& p) const {
+    return near_[m] < 0 ? kInfinity : distance(p, axes_[m].tree.points()[near_[m]]);
+  }
+
+  // The distance to the axis that the points are a sample of. The nearest point of a sheet lies
+  // beside the foot of p by up to half the diagonal of a voxel face, which matters for thin sheets;
+  // the distance is never below the radius there, which is exact where p is a wall of the sheet.
+  [[nodiscard]] double to_sheet(const PointTree::Hit& hit, double radius) const {
+    const double foot2 = hit.distance * hit.distance - half_diagonal2_;
+    return std::min(hit.distance, std::sqrt(std::max(radius * radius, foot2)));
+  }
+
+  const std::vector<MaterialAxis>& axes_;
+  double half_diagonal2_;
+  std::vector<std::int32_t> near_;  // of each material the last point found, or -1
+};
 
 // Distance from every vertex to the medial axis of its materials.
 std::vector<double> distance_to_axis(const InterfaceMesh& dense,
-                                     const MaterialsAt& materials,
+                                     const Strata& strata,
+                                     const VertexStars& stars,
                                      const MedialAxis& medial_axis,
                                      double voxel_mm) {
+  constexpr std::size_t kChunk = 4096;
   MaterialId last = 0;
-  for (const auto m : materials.material)
-    last = std::max(last, m);
+  for (const auto& patch : strata.patches)
+    last = std::max(last, patch.sides.inside);
   const auto axes = axis_of_materials(medial_axis, std::size_t{last} + 1);
-  std::vector<double> result(dense.points.size(), kInfinity);
-  parallel_for_each_index(0, result.size(), [&](std::size_t v) {
-    for (auto n = materials.first[v]; n < materials.first[v + 1]; ++n)
-      result[v] = std::min(
-          result[v], distance_to_axis(axes[materials.material[n]], dense.points[v], voxel_mm));
-  });
+  const std::size_t count = dense.points.size();
+  std::vector<double> result(count, kInfinity);
+  parallel_for_each_index(
+      0, (count + kChunk - 1) / kChunk,
+      [&](std::size_t chunk) {
+        AxisDistance distance_to(axes, voxel_mm);
+        std::vector<MaterialId> materials;
+        for (std::size_t v = chunk * kChunk; v < std::min(count, (chunk + 1) * kChunk); ++v) {
+          find_materials(dense, strata, stars, v, materials);
+          result[v] = distance_to(dense.points[v], materials);
+        }
+      },
+      1);
   return result;
 }
 
@@ -318,15 +353,14 @@ std::vector<double> local_feature_size(const InterfaceMesh& dense,
     box.add(p);
   const double bound = box.diagonal();
   const VertexStars stars = find_vertex_stars(dense);
-  std::vector<double> lfs =
-      distance_to_axis(dense, materials_at_vertices(dense, stars), medial_axis, voxel_mm);
+  std::vector<double> lfs = distance_to_axis(dense, strata, stars, medial_axis, voxel_mm);
   report_progress(context, kStage, 0.3);
   for (double& d : lfs)
     d = std::min(d, bound);
   apply_curve_sizes(dense, strata, stars, voxel_mm, bound, lfs);
   // A feature size has slope 1 at most; on curves, where it has an origin of its own, that is not
   // yet so.
-  limit_along_edges(dense, stars, 1, lfs);
+  limit_along_edges(dense.points, find_vertex_neighbours(dense, stars), 1, lfs);
   report_progress(context, kStage, 0.5);
   return lfs;
 }
