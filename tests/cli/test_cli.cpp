@@ -147,6 +147,38 @@ TEST_CASE("cvmesh mesh: bad parameters give code 2 before anything is written", 
   CHECK_FALSE(fs::exists(folder / "out"));
 }
 
+TEST_CASE("cvmesh mesh: sizes of interfaces rule there, or a warning says why not", "[cli]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::nested_balls(6, 11));
+  const std::string input = (folder / "a.nii").string(), out = (folder / "out").string();
+  const auto mesh = [&](const std::string& interfaces) {
+    return run_cli::cvmesh(
+        {"mesh", input, "--out", out, "--surface-only", "--set", "interfaces=" + interfaces});
+  };
+  // Rows: the outer interface, of label 2 and the exterior, then that of labels 2 and 1.
+  const auto particles_on = [&](std::size_t row) {
+    return read_json(folder / "out/a.metrics.json")["results"]["interfaces"][row]["particles"]
+        .get<int>();
+  };
+  REQUIRE(mesh("[]").exit_code == 0);
+  const int outer = particles_on(0), inner = particles_on(1);
+  const Outcome finer = mesh(R"([{"labels": [1, 2], "epsilon": 0.4}])");
+  INFO(finer.err);
+  REQUIRE(finer.exit_code == 0);
+  CHECK_FALSE(contains(finer.err, "warning"));
+  CHECK(particles_on(1) > 2 * inner);
+  CHECK(particles_on(0) < 2 * outer);
+
+  const Outcome idle = mesh(R"([{"labels": [1, 7]}, {"labels": [0, 1], "epsilon": 1}])");
+  CHECK(idle.exit_code == 0);
+  CHECK(contains(idle.err, "interfaces names labels 1 and 7, which are not both among the labels"));
+  CHECK(contains(idle.err, "interfaces names labels 0 and 1, which do not touch each other"));
+
+  const Outcome twice = mesh(R"([{"labels": [1, 2]}, {"labels": [2, 1]}])");
+  CHECK(twice.exit_code == 2);
+  CHECK(contains(twice.err, "interfaces[1].labels ([2, 1]) names the labels of interfaces[0]"));
+}
+
 TEST_CASE("cvmesh mesh: an output folder that cannot be made gives code 6 at once", "[cli]") {
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::ball(6));

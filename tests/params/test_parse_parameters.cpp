@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "support/catch.h"
+#include <array>
 #include <filesystem>
 #include <string>
 
@@ -52,6 +53,8 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
     "merge_labels": {"2": [4, 3, 4], "-7": [8], "comment": "x"}, "drop_labels": [5, -2, 5],
     "labels": {"2": {"name": "bone", "r": 2, "epsilon": 0.5, "max_edge_mm": 3, "comment": 0},
                "comment": "x"},
+    "interfaces": [{"labels": [2, 0], "epsilon": 0.25, "comment": 1},
+                   {"labels": [-7, 2], "min_edge_mm": 0.5, "max_edge_mm": 2}],
     "grid_spacing_mm": "auto", "min_edge_mm": 0.5, "max_edge_mm": null, "seeding": "dense", "particle_sweeps": 4e1,
     "deviation_vox": 0.5, "on_degenerate": "fail", "flip_passes": 3, "interior_growth": 0,
     "tetgen_memory_limit_mb": 512})");
@@ -71,6 +74,13 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
   CHECK(p.labels.at(2).epsilon == 0.5);
   CHECK(p.labels.at(2).max_edge_mm == 3.0);
   CHECK_FALSE(p.labels.at(2).min_edge_mm);
+  REQUIRE(p.interfaces.size() == 2);
+  CHECK(p.interfaces[0].labels == std::array<Label, 2>{2, 0});
+  CHECK(p.interfaces[0].epsilon == 0.25);
+  CHECK_FALSE(p.interfaces[0].max_edge_mm);
+  CHECK(p.interfaces[1].labels == std::array<Label, 2>{-7, 2});
+  CHECK(p.interfaces[1].min_edge_mm == 0.5);
+  CHECK(p.interfaces[1].max_edge_mm == 2.0);
   CHECK(p.sizing.min_edge_mm == 0.5);
   CHECK_FALSE(p.sizing.max_edge_mm);
   CHECK(p.seed_particles.seeding == Seeding::Dense);
@@ -146,9 +156,40 @@ TEST_CASE("parse_parameters: messages name file, key, value, bound and way out",
         "`cvmesh schema` lists all keys");
   CHECK(refusal(R"({"labels": {"2": {"epsilon": -1}}})").find("labels.2.epsilon (-1)") !=
         std::string::npos);
+  CHECK(refusal(R"({"interfaces": {"1": {}}})") ==
+        "parameters: p.json: interfaces ({\"1\":{}}) is an object; give an array of objects like "
+        "{\"labels\": [1, 2], \"epsilon\": 0.5}");
+  CHECK(refusal(R"({"interfaces": [[1, 2]]})") ==
+        "parameters: p.json: interfaces[0] ([1,2]) is an array; give an object like {\"labels\": "
+        "[1, 2], \"epsilon\": 0.5}");
+  CHECK(refusal(R"({"interfaces": [{"labels": [1, 2]}, {"epsilon": 1}]})") ==
+        "parameters: p.json: interfaces[1] ({\"epsilon\":1}) has no key \"labels\"; write it like "
+        "{\"labels\": [1, 2], \"epsilon\": 0.5}");
+  CHECK(refusal(R"({"interfaces": [{"labels": [1, 2], "epsilo": 1}]})") ==
+        "parameters: p.json: unknown key \"interfaces[0].epsilo\"; did you mean "
+        "\"interfaces[0].epsilon\"? `cvmesh schema` lists all keys");
+  CHECK(refusal(R"({"interfaces": [{"labels": [1, 2, 3]}]})") ==
+        "parameters: p.json: interfaces[0].labels ([1,2,3]) has 3 labels rather than 2; give the "
+        "two labels that meet, like [1, 2]");
+  CHECK(refusal(R"({"interfaces": [{"labels": 1}]})") ==
+        "parameters: p.json: interfaces[0].labels (1) is a number; give the two labels that meet, "
+        "like [1, 2]");
+  CHECK(refusal(R"({"interfaces": [{"labels": [1, 2], "epsilon": 0}]})") ==
+        "parameters: p.json: interfaces[0].epsilon (0) must be greater than 0; raise it, or leave "
+        "it out for the default");
   CHECK(refusal(R"([1])") ==
         "parameters: p.json: holds an array; a parameter file is one JSON object, like "
         "{\"epsilon\": 2}");
+}
+
+TEST_CASE("parse_parameters: an interface is named once, by two labels", "[params][unit]") {
+  CHECK(refusal(R"({"interfaces": [{"labels": [2, 2]}]})") ==
+        "parameters: p.json: interfaces[0].labels ([2, 2]) names one label twice; give the two "
+        "labels that meet");
+  CHECK(
+      refusal(R"({"interfaces": [{"labels": [3, 2]}, {"labels": [4, 2]}, {"labels": [2, 3]}]})") ==
+      "parameters: p.json: interfaces[2].labels ([2, 3]) names the labels of interfaces[0] "
+      "again; make one entry of the two");
 }
 
 TEST_CASE("parse_parameters: an empty lower bound stays below its upper bound", "[params][unit]") {
@@ -158,6 +199,13 @@ TEST_CASE("parse_parameters: an empty lower bound stays below its upper bound", 
   CHECK(refusal(R"({"max_edge_mm": 2, "labels": {"1": {"min_edge_mm": 3}}})") ==
         "parameters: p.json: labels.1.min_edge_mm (3) exceeds labels.1.max_edge_mm (2); lower "
         "labels.1.min_edge_mm");
+  CHECK(refusal(R"({"labels": {"1": {"max_edge_mm": 2}},
+                    "interfaces": [{"labels": [0, 1], "min_edge_mm": 3}]})") ==
+        "parameters: p.json: interfaces[0].min_edge_mm (3) exceeds interfaces[0].max_edge_mm (2); "
+        "lower interfaces[0].min_edge_mm");
+  // The exterior has no size of its own that could be in the way.
+  CHECK_NOTHROW(parse(R"({"max_edge_mm": 2, "labels": {"1": {"max_edge_mm": 9}},
+                          "interfaces": [{"labels": [0, 1], "min_edge_mm": 3}]})"));
 }
 
 TEST_CASE("parse_parameters: epsilon and target_vertices exclude each other", "[params][unit]") {
@@ -194,11 +242,15 @@ TEST_CASE("parse_parameters: settings override the file", "[params][unit]") {
 
 TEST_CASE("parameters_to_json: gives a file that parses to the same parameters", "[params][unit]") {
   const Parameters p = parse(R"({"target_vertices": 500, "labels": {"-3": {"name": "a"}},
-    "region_of_interest": [1, 2, 3, 4, 5, 6], "merge_labels": {"2": [4, 3]}})");
+    "region_of_interest": [1, 2, 3, 4, 5, 6], "merge_labels": {"2": [4, 3]},
+    "interfaces": [{"labels": [3, -3], "epsilon": 2}]})");
   const Json json = parameters_to_json(p);
   CHECK(json["epsilon"].is_null());
   CHECK(json["region_of_interest"] == Json({1, 2, 3, 4, 5, 6}));
   CHECK(json["merge_labels"] == Json({{"2", {3, 4}}}));
+  CHECK(json["interfaces"][0]["labels"] == Json({3, -3}));
+  CHECK(json["interfaces"][0]["epsilon"] == 2.0);
+  CHECK(json["interfaces"][0]["max_edge_mm"].is_null());
   CHECK(parameters_to_json(parse_parameters(json, "again")) == json);
 }
 
@@ -246,6 +298,12 @@ TEST_CASE("parameters_schema: describes each key of the table with its default",
   const Json& merges = schema["properties"]["merge_labels"];
   CHECK(merges["additionalProperties"] == false);
   CHECK(merges["patternProperties"]["^-?[0-9]+$"]["items"]["type"] == "integer");
+  const Json& interface = schema["properties"]["interfaces"]["items"];
+  CHECK(interface["required"] == Json::array({"labels"}));
+  CHECK(interface["additionalProperties"] == false);
+  CHECK(interface["properties"]["labels"]["minItems"] == 2);
+  CHECK(interface["properties"]["labels"]["items"]["type"] == "integer");
+  CHECK(interface["properties"]["epsilon"]["exclusiveMinimum"] == 0);
 }
 
 TEST_CASE("parse_parameters: grid_spacing_mm is a length, \"auto\" or nothing", "[params][unit]") {

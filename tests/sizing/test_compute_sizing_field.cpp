@@ -174,6 +174,67 @@ TEST_CASE("compute_sizing_field: materials keep their own sizes", "[sizing][unit
         1.8 * *std::max_element(fine.begin(), fine.end()));
 }
 
+// Half a ball of material 1 and half a ball of material 2, which meet in a disc.
+Surface two_halves() {
+  const auto frame = plain_frame({40, 40, 40});
+  const Vec3 centre{19.6, 19.3, 19.8};
+  return Surface(analytic_level_sets(frame, 3, [&](MaterialId m, const Vec3& p) {
+    const double ball = 14 - distance(p, centre), half = p.z - centre.z;
+    return m == 0 ? -ball : m == 1 ? std::min(ball, half) : std::min(ball, -half);
+  }));
+}
+
+// Calls visit(v, patch) for the vertices inside patches.
+template <typename Visit>
+void for_each_inner_vertex(const Surface& surface, const Visit& visit) {
+  for (std::size_t f = 0; f < surface.dense.facets.size(); ++f)
+    for (const auto v : surface.dense.facets[f])
+      if (surface.strata.dimension[v] == 2) visit(v, surface.dense.patch_of[f].sides);
+}
+
+TEST_CASE("compute_sizing_field: interfaces have their own sizes instead of their materials'",
+          "[sizing][unit]") {
+  const Surface surface = two_halves();
+  // Steep gradation: what is wanted is what comes, but next to the curve.
+  SizingOptions options = with(0.5, 100);
+  options.per_material[1].epsilon = 0.25;
+  options.per_material[2].max_edge_mm = 1.5;
+  options.per_interface[{2, 1}] = {.epsilon = 0.125, .max_edge_mm = 9.0};
+  options.per_interface[{2, 0}] = {.max_edge_mm = 3.0};
+  const auto h = surface.size(options).sizing_field.h_mm;
+  std::size_t seen = 0;
+  for_each_inner_vertex(surface, [&](std::int32_t v, const Sides& sides) {
+    const double feature = std::max(surface.lfs[v], 0.8);
+    const double wanted = sides == Sides{2, 1}   ? 0.125 * feature
+                          : sides == Sides{2, 0} ? std::min(0.5 * feature, 3.0)
+                                                 : 0.25 * feature;
+    CHECK(h[v] <= wanted * (1 + 1e-9));
+    // The grid carries the sizes of vertices beside this one over about a voxel.
+    seen += h[v] > 0.999 * wanted;
+  });
+  CHECK(seen > surface.dense.points.size());
+
+  // On the curve the smallest of the three rules.
+  for (const auto& curve : surface.strata.curves)
+    for (const auto v : curve.vertices)
+      CHECK(h[v] <= 0.125 * std::max(surface.lfs[v], 0.8) * (1 + 1e-9));
+}
+
+TEST_CASE("compute_sizing_field: an interface may be coarser than its materials",
+          "[sizing][unit]") {
+  const Surface surface = two_halves();
+  SizingOptions options = with(0.1, 100);
+  options.per_interface[{1, 0}].epsilon = 0.4;
+  const auto h = surface.size(options).sizing_field.h_mm;
+  const auto uniform = surface.size(with(0.1, 100)).sizing_field.h_mm;
+  double coarsest = 0;
+  for_each_inner_vertex(surface, [&](std::int32_t v, const Sides& sides) {
+    if (sides != Sides{1, 0}) CHECK(h[v] == Approx(uniform[v]));
+    if (sides == Sides{1, 0}) coarsest = std::max(coarsest, h[v] / uniform[v]);
+  });
+  CHECK(coarsest == Approx(4));
+}
+
 TEST_CASE("compute_sizing_field: refuses values out of range and says what to do",
           "[sizing][unit]") {
   const Surface surface = ball(5);
@@ -196,6 +257,11 @@ TEST_CASE("compute_sizing_field: refuses values out of range and says what to do
   SizingOptions material;
   material.per_material[1].epsilon = 0.0;
   CHECK(message(material).find("material 1: epsilon (0)") != std::string::npos);
+  SizingOptions interface;
+  interface.max_edge_mm = 2.0;
+  interface.per_interface[{1, 0}].min_edge_mm = 3.0;
+  CHECK(message(interface).find("interface of materials 0 and 1: min_edge_mm (3) exceeds") !=
+        std::string::npos);
 }
 
 TEST_CASE("SizingProblem: a field does not depend on those before it", "[sizing][unit]") {

@@ -9,7 +9,7 @@ namespace {
 
 /// A field of `Parameters` as the function that finds it.
 #define CVMESH_FIELD(member) [](Parameters& p) -> ParameterField { return &p.member; }
-#define CVMESH_LABEL_FIELD(member) [](LabelParameters& p) -> ParameterField { return &p.member; }
+#define CVMESH_FIELD_OF(Owner, member) [](Owner& p) -> ParameterField { return &p.member; }
 
 /// Names of the enumerators, in their order.
 constexpr std::string_view kSeedings[] = {"front", "dense"};
@@ -21,6 +21,34 @@ constexpr double kLargestInteger = 9007199254740992.0;
 constexpr double kMostVoxels = 1000;
 /// Edges between a nanometre and a kilometre.
 constexpr double kMostMm = 1e6;
+
+/// The rows of the sizes that an entry of a list may have instead of the global ones.
+template <typename Owner>
+void add_size_rows(std::string_view epsilon_doc,
+                   std::string_view min_doc,
+                   std::string_view max_doc,
+                   std::vector<ParameterInfo<Owner>>& table) {
+  const auto length = [](std::string_view key, std::string_view doc, auto field) {
+    return ParameterInfo<Owner>{.key = key,
+                                .unit = "mm",
+                                .doc = doc,
+                                .field = field,
+                                .min = 0,
+                                .max = kMostMm,
+                                .min_is_exclusive = true,
+                                .is_optional = true};
+  };
+  table.push_back({.key = "epsilon",
+                   .unit = "edge length / local feature size",
+                   .doc = epsilon_doc,
+                   .field = CVMESH_FIELD_OF(Owner, epsilon),
+                   .min = 0,
+                   .max = 1000,
+                   .min_is_exclusive = true,
+                   .is_optional = true});
+  table.push_back(length("min_edge_mm", min_doc, CVMESH_FIELD_OF(Owner, min_edge_mm)));
+  table.push_back(length("max_edge_mm", max_doc, CVMESH_FIELD_OF(Owner, max_edge_mm)));
+}
 
 }  // namespace
 
@@ -97,6 +125,10 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
               "\"cortical\", "
               "\"epsilon\": 0.5}}.",
        .field = CVMESH_FIELD(labels)},
+      {.key = "interfaces",
+       .doc = "Sizes of single interfaces, instead of what their labels say: [{\"labels\": [2, 3], "
+              "\"epsilon\": 0.5}]; label 0 is the exterior.",
+       .field = CVMESH_FIELD(interfaces)},
       {.key = "grid_spacing_mm",
        .unit = "mm",
        .doc =
@@ -240,45 +272,42 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
 }
 
 const std::vector<ParameterInfo<LabelParameters>>& label_parameter_table() {
-  static const std::vector<ParameterInfo<LabelParameters>> table = {
-      {.key = "name",
-       .doc = "Name of the label in files and reports.",
-       .field = CVMESH_LABEL_FIELD(name),
-       .is_optional = true},
-      {.key = "r",
-       .unit = "voxels",
-       .doc = "As the global key, on the boundary of this label; where labels meet the smaller "
-              "radius rules.",
-       .field = CVMESH_LABEL_FIELD(r),
-       .min = 0,
-       .max = 20,
-       .is_optional = true},
-      {.key = "epsilon",
-       .unit = "edge length / local feature size",
-       .doc = "As the global key, on the boundary of this label; where labels meet the smaller "
-              "size rules.",
-       .field = CVMESH_LABEL_FIELD(epsilon),
-       .min = 0,
-       .max = 1000,
-       .min_is_exclusive = true,
-       .is_optional = true},
-      {.key = "min_edge_mm",
-       .unit = "mm",
-       .doc = "As the global key, on the boundary of this label.",
-       .field = CVMESH_LABEL_FIELD(min_edge_mm),
-       .min = 0,
-       .max = kMostMm,
-       .min_is_exclusive = true,
-       .is_optional = true},
-      {.key = "max_edge_mm",
-       .unit = "mm",
-       .doc = "As the global key, on the boundary of this label.",
-       .field = CVMESH_LABEL_FIELD(max_edge_mm),
-       .min = 0,
-       .max = kMostMm,
-       .min_is_exclusive = true,
-       .is_optional = true},
-  };
+  static const std::vector<ParameterInfo<LabelParameters>> table = [] {
+    std::vector<ParameterInfo<LabelParameters>> rows = {
+        {.key = "name",
+         .doc = "Name of the label in files and reports.",
+         .field = CVMESH_FIELD_OF(LabelParameters, name),
+         .is_optional = true},
+        {.key = "r",
+         .unit = "voxels",
+         .doc = "As the global key, on the boundary of this label; where labels meet the smaller "
+                "radius rules.",
+         .field = CVMESH_FIELD_OF(LabelParameters, r),
+         .min = 0,
+         .max = 20,
+         .is_optional = true}};
+    add_size_rows(
+        "As the global key, on the boundary of this label; where labels meet the smaller "
+        "size rules.",
+        "As the global key, on the boundary of this label.",
+        "As the global key, on the boundary of this label.", rows);
+    return rows;
+  }();
+  return table;
+}
+
+const std::vector<ParameterInfo<InterfaceParameters>>& interface_parameter_table() {
+  static const std::vector<ParameterInfo<InterfaceParameters>> table = [] {
+    std::vector<ParameterInfo<InterfaceParameters>> rows = {
+        {.key = "labels",
+         .doc = "The two labels that meet there, in any order; 0 is the exterior.",
+         .field = CVMESH_FIELD_OF(InterfaceParameters, labels),
+         .is_required = true}};
+    add_size_rows("As the global key, on this interface; at its ends the smaller size rules.",
+                  "As the global key, on this interface.", "As the global key, on this interface.",
+                  rows);
+    return rows;
+  }();
   return table;
 }
 

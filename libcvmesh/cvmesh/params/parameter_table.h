@@ -3,6 +3,7 @@
 
 #include "cvmesh/params/parameters.h"
 
+#include <array>
 #include <limits>
 #include <span>
 #include <string>
@@ -12,7 +13,7 @@
 
 namespace cvmesh {
 
-/// The value behind a key, inside a `Parameters` or `LabelParameters`.
+/// The value behind a key, inside a `Parameters` or one of the structs that its lists hold.
 using ParameterField = std::variant<bool*,
                                     int*,
                                     std::size_t*,
@@ -25,8 +26,10 @@ using ParameterField = std::variant<bool*,
                                     std::optional<VoxelBox>*,
                                     std::optional<GridSpacing>*,
                                     std::vector<Label>*,
+                                    std::array<Label, 2>*,
                                     std::map<Label, std::vector<Label>>*,
-                                    std::map<Label, LabelParameters>*>;
+                                    std::map<Label, LabelParameters>*,
+                                    std::vector<InterfaceParameters>*>;
 
 /// One key of the parameter file. The parser, the JSON schema, the defaults and the messages all
 /// read this; the default is what `field` holds in a fresh `Owner`.
@@ -39,7 +42,8 @@ struct ParameterInfo {
   double min = -std::numeric_limits<double>::infinity();
   double max = std::numeric_limits<double>::infinity();
   bool min_is_exclusive = false;
-  bool is_optional = false;                     ///< `null` is allowed and means "not set"
+  bool is_optional = false;  ///< `null` is allowed and means "not set"
+  bool is_required = false;  ///< there is no default: an entry without it is refused
   std::span<const std::string_view> choices{};  ///< names of the enumerators, in their order
 };
 
@@ -48,5 +52,8 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table();
 
 /// The keys of one entry of "labels".
 const std::vector<ParameterInfo<LabelParameters>>& label_parameter_table();
+
+/// The keys of one entry of "interfaces".
+const std::vector<ParameterInfo<InterfaceParameters>>& interface_parameter_table();
 
 }  // namespace cvmesh

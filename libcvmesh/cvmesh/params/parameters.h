@@ -11,10 +11,12 @@
 #include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/tet/tetrahedralize.h"
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace cvmesh {
 
@@ -31,6 +33,12 @@ struct LabelParameters {
   std::optional<double> r, epsilon, min_edge_mm, max_edge_mm;
 };
 
+/// What a parameter file may say about the interface of two labels, in an entry of "interfaces".
+struct InterfaceParameters {
+  std::array<Label, 2> labels{0, 0};  ///< in any order; 0 may stand for the exterior
+  std::optional<double> epsilon, min_edge_mm, max_edge_mm;
+};
+
 /// Everything that decides a mesh besides the label volume: the options of all stages, whose
 /// defaults are the defaults of the parameter file. The JSON keys are listed in
 /// `parameter_table()`; labels are the user's values here, material ids only inside a run.
@@ -39,6 +47,7 @@ struct Parameters {
   /// Surface vertices wanted; cvmesh then finds the epsilon, and `sizing.epsilon` is not used.
   std::optional<std::size_t> target_vertices;
   std::map<Label, LabelParameters> labels;
+  std::vector<InterfaceParameters> interfaces;  ///< each pair of labels once
   /// Working grid of all stages between labels and metrics; empty for that of the volume.
   std::optional<GridSpacing> grid_spacing_mm;
 

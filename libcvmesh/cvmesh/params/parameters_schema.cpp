@@ -33,7 +33,9 @@ const char* type_name(const ParameterField& field) {
                            std::is_same_v<Value, std::optional<std::string>>)
           return "string";
         else if constexpr (std::is_same_v<Value, std::vector<Label>> ||
-                           std::is_same_v<Value, std::optional<VoxelBox>>)
+                           std::is_same_v<Value, std::array<Label, 2>> ||
+                           std::is_same_v<Value, std::optional<VoxelBox>> ||
+                           std::is_same_v<Value, std::vector<InterfaceParameters>>)
           return "array";
         else
           return "object";
@@ -63,12 +65,18 @@ Json property(const ParameterInfo<Owner>& info) {
   return schema;
 }
 
-Json label_entry() {
-  Json properties;
-  for (const ParameterInfo<LabelParameters>& info : label_parameter_table())
+/// An object whose keys `table` lists.
+template <typename Owner>
+Json entry_schema(const std::vector<ParameterInfo<Owner>>& table) {
+  Json properties, required = Json::array();
+  for (const ParameterInfo<Owner>& info : table) {
     properties[std::string(info.key)] = property(info);
+    if (info.is_required) required.push_back(info.key);
+  }
   properties["comment"] = {{"description", "Ignored."}};
-  return {{"type", "object"}, {"properties", properties}, {"additionalProperties", false}};
+  Json schema = {{"type", "object"}, {"properties", properties}, {"additionalProperties", false}};
+  if (!required.empty()) schema["required"] = required;
+  return schema;
 }
 
 Json label_value() {
@@ -103,7 +111,13 @@ Json parameters_schema() {
   key_by_label(properties["merge_labels"],
                {{"type", "array"}, {"items", label_value()}, {"minItems", 1}});
   properties["drop_labels"]["items"] = label_value();
-  key_by_label(properties["labels"], label_entry());
+  key_by_label(properties["labels"], entry_schema(label_parameter_table()));
+  Json interface = entry_schema(interface_parameter_table());
+  Json& pair = interface["properties"]["labels"];
+  pair["items"] = label_value();
+  pair["minItems"] = pair["maxItems"] = 2;
+  pair["uniqueItems"] = true;
+  properties["interfaces"]["items"] = interface;
   properties["comment"] = {{"description", "Ignored; for notes of any type."}};
 
   const Json both = {

@@ -8,12 +8,14 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <limits>
 #include <numeric>
 #include <span>
 #include <type_traits>
+#include <utility>
 
 namespace cvmesh {
 
@@ -153,6 +155,15 @@ std::vector<Label> read_label_list(const Place& place, const Json& value) {
   return labels;
 }
 
+std::array<Label, 2> read_label_pair(const Place& place, const Json& value) {
+  constexpr char kWanted[] = "the two labels that meet, like [1, 2]";
+  if (!value.is_array()) refuse_type(place, value, kWanted);
+  if (value.size() != 2)
+    refuse(place.source, fmt::format("{} ({}) has {} labels rather than 2; give {}", place.path,
+                                     value.dump(), value.size(), kWanted));
+  return {read_label_value(place, value[0]), read_label_value(place, value[1])};
+}
+
 /// Six numbers: the first voxel, then the last. Their order is checked against the volume.
 VoxelBox read_voxel_box(const Place& place, const Json& value) {
   constexpr char kWanted[] = "the first and the last voxel, like [0, 0, 0, 63, 63, 31]";
@@ -182,6 +193,7 @@ GridSpacing read_grid_spacing(const Place& place, const Json& value) {
 
 std::map<Label, std::vector<Label>> read_label_merges(const Place& place, const Json& value);
 std::map<Label, LabelParameters> read_label_table(const Place& place, const Json& value);
+std::vector<InterfaceParameters> read_interfaces(const Place& place, const Json& value);
 
 /// Reads `value` into the field of `owner` that `info` describes.
 template <typename Owner>
@@ -214,6 +226,10 @@ void read_parameter(const ParameterInfo<Owner>& info,
           *field = read_choice<Value>(place, value, info.choices);
         } else if constexpr (std::is_same_v<Value, std::vector<Label>>) {
           *field = read_label_list(place, value);
+        } else if constexpr (std::is_same_v<Value, std::array<Label, 2>>) {
+          *field = read_label_pair(place, value);
+        } else if constexpr (std::is_same_v<Value, std::vector<InterfaceParameters>>) {
+          *field = read_interfaces(place, value);
         } else if constexpr (std::is_same_v<Value, std::optional<VoxelBox>>) {
           *field = read_voxel_box(place, value);
         } else if constexpr (std::is_same_v<Value, std::optional<GridSpacing>>) {
@@ -262,19 +278,54 @@ std::map<Label, std::vector<Label>> read_label_merges(const Place& place, const 
   return merges;
 }
 
+/// An object whose keys `table` lists; `example` is one for messages.
+template <typename Owner>
+Owner read_entry(const std::vector<ParameterInfo<Owner>>& table,
+                 const Place& place,
+                 const Json& value,
+                 const char* example) {
+  if (!value.is_object()) refuse_type(place, value, fmt::format("an object like {}", example));
+  const std::string prefix = place.path + ".";
+  Owner owner;
+  for (const auto& [key, item] : value.items())
+    if (key != kCommentKey)
+      read_parameter(find_info(table, key, prefix, place.source), prefix, item, place.source,
+                     owner);
+  for (const ParameterInfo<Owner>& info : table)
+    if (info.is_required && !value.contains(info.key))
+      refuse(place.source, fmt::format("{} ({}) has no key \"{}\"; write it like {}", place.path,
+                                       value.dump(), info.key, example));
+  return owner;
+}
+
 std::map<Label, LabelParameters> read_label_table(const Place& place, const Json& value) {
   std::map<Label, LabelParameters> labels;
   read_by_label(place, value, [&](Label label, const Place& entry_place, const Json& entry) {
-    if (!entry.is_object()) refuse_type(entry_place, entry, "an object like {\"epsilon\": 0.5}");
-    const std::string prefix = entry_place.path + ".";
-    LabelParameters parameters;
-    for (const auto& [name, item] : entry.items())
-      if (name != kCommentKey)
-        read_parameter(find_info(label_parameter_table(), name, prefix, place.source), prefix, item,
-                       place.source, parameters);
-    labels[label] = parameters;
+    labels[label] = read_entry(label_parameter_table(), entry_place, entry, "{\"epsilon\": 0.5}");
   });
   return labels;
+}
+
+/// A list of such objects.
+template <typename Owner>
+std::vector<Owner> read_entries(const std::vector<ParameterInfo<Owner>>& table,
+                                const Place& place,
+                                const Json& value,
+                                const char* example) {
+  if (!value.is_array())
+    refuse_type(place, value, fmt::format("an array of objects like {}", example));
+  std::vector<Owner> entries;
+  for (const Json& item : value) {
+    const std::string path = fmt::format("{}[{}]", place.path, entries.size());
+    entries.push_back(
+        read_entry(table, Place{place.source, path, 0, 0, false, false}, item, example));
+  }
+  return entries;
+}
+
+std::vector<InterfaceParameters> read_interfaces(const Place& place, const Json& value) {
+  return read_entries(interface_parameter_table(), place, value,
+                      "{\"labels\": [1, 2], \"epsilon\": 0.5}");
 }
 
 bool is_set(const Json& object, const char* key) {
@@ -336,6 +387,37 @@ void check_edge_bounds(const std::optional<double>& lowest,
                                prefix, *lowest, *highest));
 }
 
+/// Each pair of two labels once, and bounds that do not cross where the interface sets only one of
+/// them.
+void check_interfaces(const Parameters& parameters, const std::string& source) {
+  std::map<std::pair<Label, Label>, std::size_t> index_of;
+  for (std::size_t n = 0; n < parameters.interfaces.size(); ++n) {
+    const InterfaceParameters& own = parameters.interfaces[n];
+    const auto [low, high] = std::minmax(own.labels[0], own.labels[1]);
+    if (low == high)
+      refuse(source, fmt::format("interfaces[{}].labels ([{}, {}]) names one label twice; give the "
+                                 "two labels that meet",
+                                 n, own.labels[0], own.labels[1]));
+    const auto [first, is_new] = index_of.try_emplace({low, high}, n);
+    if (!is_new)
+      refuse(source, fmt::format("interfaces[{}].labels ([{}, {}]) names the labels of "
+                                 "interfaces[{}] again; make one entry of the two",
+                                 n, own.labels[0], own.labels[1], first->second));
+    for (const Label label : own.labels) {
+      if (label == 0 && !parameters.clean_labels.mesh_background) continue;  // it has no say
+      const auto found = parameters.labels.find(label);
+      const LabelParameters around =
+          found != parameters.labels.end() ? found->second : LabelParameters{};
+      const auto ruling = [](const auto& inner, const auto& middle, const auto& outer) {
+        return inner ? inner : middle ? middle : outer;
+      };
+      check_edge_bounds(ruling(own.min_edge_mm, around.min_edge_mm, parameters.sizing.min_edge_mm),
+                        ruling(own.max_edge_mm, around.max_edge_mm, parameters.sizing.max_edge_mm),
+                        fmt::format("interfaces[{}].", n), source);
+    }
+  }
+}
+
 /// Checks that need more than one key, and what one key says to several stages.
 void finish(Parameters& parameters, const std::string& source) {
   parameters.flip_edges.deviation_vox = parameters.decimate.deviation_vox;
@@ -347,10 +429,20 @@ void finish(Parameters& parameters, const std::string& source) {
                       own.max_edge_mm ? own.max_edge_mm : sizing.max_edge_mm, prefix, source);
     if (own.name) parameters.clean_labels.names[label] = *own.name;
   }
+  check_interfaces(parameters, source);
 }
 
 template <typename Owner>
 Json to_json_object(const std::vector<ParameterInfo<Owner>>& table, Owner owner);
+
+template <typename Owner>
+Json to_json_list(const std::vector<ParameterInfo<Owner>>& table,
+                  const std::vector<Owner>& owners) {
+  Json list = Json::array();
+  for (const Owner& owner : owners)
+    list.push_back(to_json_object(table, owner));
+  return list;
+}
 
 template <typename Owner>
 Json to_json_value(const ParameterInfo<Owner>& info, Owner& owner) {
@@ -364,6 +456,8 @@ Json to_json_value(const ParameterInfo<Owner>& info, Owner& owner) {
           for (const auto& [label, own] : *field)
             labels[std::to_string(label)] = to_json_object(label_parameter_table(), own);
           return labels;
+        } else if constexpr (std::is_same_v<Value, std::vector<InterfaceParameters>>) {
+          return to_json_list(interface_parameter_table(), *field);
         } else if constexpr (std::is_same_v<Value, std::optional<double>> ||
                              std::is_same_v<Value, std::optional<std::size_t>> ||
                              std::is_same_v<Value, std::optional<std::string>>) {

@@ -145,6 +145,18 @@ std::optional<MaterialId> material_of(const LabelVolume& labels, Label label) {
   return static_cast<MaterialId>(found - labels.label_of.begin());
 }
 
+/// The two sides of the interface of two of the user's labels, of which 0 may be the exterior;
+/// nothing where one is not in the volume.
+std::optional<Sides> sides_of(const LabelVolume& labels, const std::array<Label, 2>& pair) {
+  std::array<MaterialId, 2> ids{};
+  for (std::size_t n = 0; n < 2; ++n) {
+    const auto m = material_of(labels, pair[n]);
+    if (!m && pair[n] != 0) return std::nullopt;
+    ids[n] = m.value_or(kExterior);
+  }
+  return Sides{std::max(ids[0], ids[1]), std::min(ids[0], ids[1])};
+}
+
 /// Says which labels have parameters, but are not there to use them.
 void warn_of_absent_labels(const Run& run, const LabelVolume& labels) {
   for (const auto& [label, own] : run.request.parameters.labels) {
@@ -152,6 +164,24 @@ void warn_of_absent_labels(const Run& run, const LabelVolume& labels) {
     if (is_used && !material_of(labels, label))
       run.context.log->warn(
           "parameters: label {} has a radius or sizes, but is not among the labels to mesh", label);
+  }
+  for (const InterfaceParameters& own : run.request.parameters.interfaces)
+    if (!sides_of(labels, own.labels))
+      run.context.log->warn(
+          "parameters: interfaces names labels {} and {}, which are not both among the labels to "
+          "mesh",
+          own.labels[0], own.labels[1]);
+}
+
+/// Says which sizes have no surface to rule.
+void warn_of_idle_sizes(const Run& run, const LabelVolume& labels, const Dense& dense) {
+  for (const InterfaceParameters& own : run.request.parameters.interfaces) {
+    const auto sides = sides_of(labels, own.labels);
+    const auto is_it = [&](const PatchKey& patch) { return patch.sides == *sides; };
+    if (sides && std::none_of(dense.strata.patches.begin(), dense.strata.patches.end(), is_it))
+      run.context.log->warn(
+          "parameters: interfaces names labels {} and {}, which do not touch each other",
+          own.labels[0], own.labels[1]);
   }
 }
 
@@ -241,14 +271,22 @@ SizingOptions sizing_options_of(const Run& run, const LabelVolume& labels) {
   for (const auto& [label, own] : run.request.parameters.labels)
     if (const auto m = material_of(labels, label))
       options.per_material[*m] = {own.epsilon, own.min_edge_mm, own.max_edge_mm};
+  for (const InterfaceParameters& own : run.request.parameters.interfaces)
+    if (const auto sides = sides_of(labels, own.labels))
+      options.per_interface[*sides] = {own.epsilon, own.min_edge_mm, own.max_edge_mm};
   return options;
 }
 
-/// The options with every epsilon multiplied, so that labels keep their ratios.
+/// The options with every epsilon multiplied, so that labels and interfaces keep their ratios.
 SizingOptions scaled(SizingOptions options, double factor) {
+  const auto scale = [&](OwnSizes& own) {
+    if (own.epsilon) own.epsilon = *own.epsilon * factor;
+  };
   options.epsilon *= factor;
   for (auto& [material, own] : options.per_material)
-    if (own.epsilon) own.epsilon = *own.epsilon * factor;
+    scale(own);
+  for (auto& [sides, own] : options.per_interface)
+    scale(own);
   return options;
 }
 
@@ -392,6 +430,7 @@ Sampling sample_surfaces(Run& run,
                          const LevelSets& level_sets,
                          const Dense& dense,
                          MedialAxis medial_axis) {
+  warn_of_idle_sizes(run, labels, dense);
   Sampler sampler(run, dense, level_sets, std::move(medial_axis));
   const SizingOptions options = sizing_options_of(run, labels);
   const std::optional<std::size_t> target = run.request.parameters.target_vertices;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/sizing/compute_sizing_field.h"
 
-#include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/sizing/limit_gradation.h"
+#include "cvmesh/sizing/size_rules.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,7 +11,6 @@
 #include <functional>
 #include <limits>
 #include <numeric>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -34,57 +33,6 @@ constexpr double kMinCurveVertices = 4;
 
 // Area of the hexagon that a vertex owns at spacing h, over h^2.
 const double kHexagon = std::sqrt(3.0) / 2;
-
-// The clamps of one material.
-struct Bounds {
-  double epsilon, min_edge_mm, max_edge_mm;
-};
-
-std::string number(double value) {
-  std::string text = std::to_string(value);
-  text.erase(text.find_last_not_of('0') + 1);
-  if (text.back() == '.') text.pop_back();
-  return text;
-}
-
-Bounds checked(const Bounds& b, const std::string& where) {
-  const auto check = [&](bool ok, const std::string& message) {
-    require(ok, ErrorCode::BadParameter, kStage, where + message);
-  };
-  check(std::isfinite(b.epsilon) && b.epsilon > 0,
-        "epsilon (" + number(b.epsilon) + ") must be greater than 0; usual values are 0.5 to 5");
-  check(b.min_edge_mm >= 0, "min_edge_mm (" + number(b.min_edge_mm) + ") must not be negative");
-  check(b.max_edge_mm > 0, "max_edge_mm (" + number(b.max_edge_mm) + ") must be greater than 0");
-  check(b.min_edge_mm <= b.max_edge_mm, "min_edge_mm (" + number(b.min_edge_mm) +
-                                            ") exceeds max_edge_mm (" + number(b.max_edge_mm) +
-                                            "); lower min_edge_mm");
-  return b;
-}
-
-// Bounds by material id; the exterior's are infinite unless it is named.
-std::vector<Bounds> bounds_of_materials(const Strata& strata, const SizingOptions& options) {
-  require(std::isfinite(options.delta) && options.delta >= 0, ErrorCode::BadParameter, kStage,
-          "delta (" + number(options.delta) + ") must not be negative; usual values are 0.2 to 1");
-  require(std::isfinite(options.min_feature_vox) && options.min_feature_vox > 0,
-          ErrorCode::BadParameter, kStage,
-          "min_feature_vox (" + number(options.min_feature_vox) + ") must be greater than 0");
-  MaterialId last = 0;
-  for (const auto& patch : strata.patches)
-    last = std::max(last, patch.sides.inside);
-  const Bounds common = checked(
-      {options.epsilon, options.min_edge_mm.value_or(0), options.max_edge_mm.value_or(kInfinity)},
-      "");
-  std::vector<Bounds> bounds(std::size_t{last} + 1, common);
-  bounds[kExterior] = {kInfinity, kInfinity, kInfinity};
-  for (const auto& [m, own] : options.per_material) {
-    const Bounds b =
-        checked({own.epsilon.value_or(common.epsilon), own.min_edge_mm.value_or(common.min_edge_mm),
-                 own.max_edge_mm.value_or(common.max_edge_mm)},
-                "material " + std::to_string(m) + ": ");
-    if (m < bounds.size()) bounds[m] = b;
-  }
-  return bounds;
-}
 
 class DisjointSets {
  public:
@@ -228,18 +176,13 @@ void SizingProblem::cap_on_closed_curves() {
 }
 
 std::vector<double> SizingProblem::wanted_size(const SizingOptions& options) const {
-  const auto bounds = bounds_of_materials(strata_, options);
+  const SizeRules rules(strata_, options);
   const double floor_mm = options.min_feature_vox * frame_.voxel_mm();
   std::vector<double> h(lfs_mm_.size(), kInfinity);
   parallel_for_each_index(0, h.size(), [&](std::size_t v) {
     const double feature = std::max(lfs_mm_[v], floor_mm);
-    for (auto s = first_share_[v]; s < first_share_[v + 1]; ++s) {
-      const Sides& sides = strata_.patches[shares_[s].patch].sides;
-      for (const MaterialId m : {sides.inside, sides.outside}) {
-        const Bounds& b = bounds[m];
-        h[v] = std::min(h[v], std::clamp(b.epsilon * feature, b.min_edge_mm, b.max_edge_mm));
-      }
-    }
+    for (auto s = first_share_[v]; s < first_share_[v + 1]; ++s)
+      h[v] = std::min(h[v], rules.wanted_mm(shares_[s].patch, feature));
     // A point without facets belongs to no material.
     if (h[v] == kInfinity) h[v] = feature;
   });

@@ -15,10 +15,10 @@
 
 namespace cvmesh {
 
-/// Sizes that differ for one material.
-struct MaterialSizing {
-  std::optional<double> epsilon, min_edge_mm, max_edge_mm;
-  friend bool operator==(const MaterialSizing&, const MaterialSizing&) = default;
+/// Sizes that differ in one place; what is not set is as around it.
+struct OwnSizes {
+  std::optional<double> epsilon{}, min_edge_mm{}, max_edge_mm{};
+  friend bool operator==(const OwnSizes&, const OwnSizes&) = default;
 };
 
 struct SizingOptions {
@@ -26,7 +26,8 @@ struct SizingOptions {
   double delta = 0.4;            ///< gradation: largest slope of h
   double min_feature_vox = 0.8;  ///< floor of the local feature size
   std::optional<double> min_edge_mm, max_edge_mm;
-  std::map<MaterialId, MaterialSizing> per_material;
+  std::map<MaterialId, OwnSizes> per_material;
+  std::map<Sides, OwnSizes> per_interface;  ///< instead of what its materials say
   friend bool operator==(const SizingOptions&, const SizingOptions&) = default;
 };
 
@@ -67,10 +68,12 @@ std::vector<double> local_feature_size(const InterfaceMesh& dense,
 /// so that the field of another epsilon costs less.
 ///
 /// Where materials meet, the smallest of their sizes holds; the exterior counts only where
-/// `per_material` names it. Two caps keep closed parts meshable at any epsilon, min_edge_mm or not:
-/// a closed boundary of area A has h <= sqrt(A / (12 sqrt(3) / 2)), room for 12 vertices, and a
-/// closed curve has room for 4. The frame of `volume_h_mm` is `frame`, coarsened by a whole number
-/// until it has at most 8 million nodes.
+/// `per_material` names it. What `per_interface` says of two materials takes the place of what they
+/// say themselves, wherever they meet; where interfaces meet, the smallest size holds. Two caps
+/// keep closed parts meshable at any epsilon, min_edge_mm or not: a closed boundary of area A has h
+/// <= sqrt(A / (12 sqrt(3) / 2)), room for 12 vertices, and a closed curve has room for 4. The
+/// frame of `volume_h_mm` is `frame`, coarsened by a whole number until it has at most 8 million
+/// nodes.
 class SizingProblem {
  public:
   /// @param dense, strata  must outlive the problem
