@@ -179,6 +179,36 @@ TEST_CASE("cvmesh mesh: sizes of interfaces rule there, or a warning says why no
   CHECK(contains(twice.err, "interfaces[1].labels ([2, 1]) names the labels of interfaces[0]"));
 }
 
+TEST_CASE("cvmesh mesh: boxes outside the volume are refused, idle ones give a warning", "[cli]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(6));
+  const std::string input = (folder / "a.nii").string(), out = (folder / "out").string();
+  const auto mesh = [&](const std::string& boxes) {
+    return run_cli::cvmesh({"mesh", input, "--out", out, "--set", "boxes=" + boxes});
+  };
+  const Outcome outside = mesh(R"([{"box": [0, 0, 0, 9, 99, 9], "epsilon": 1}])");
+  CHECK(outside.exit_code == 2);
+  CHECK(contains(outside.err,
+                 "boxes[0].box reaches j = 99, outside the volume of 21 x 21 x 21 voxels; keep j "
+                 "between 0 and 20"));
+  check_nothing_written(folder / "out");
+
+  const Outcome idle = mesh(R"([{"box": [0, 0, 0, 20, 20, 20], "epsilon": 1},
+                                {"box": [0, 0, 0, 2, 2, 2], "epsilon": 1},
+                                {"box": [9, 9, 9, 11, 11, 11], "max_edge_mm": 0.5}])");
+  INFO(idle.err);
+  CHECK(idle.exit_code == 0);
+  CHECK_FALSE(contains(idle.err, "boxes[0]"));
+  CHECK(contains(idle.err, "no surface crosses boxes[1], so it has no effect"));
+  CHECK(
+      contains(idle.err, "no surface crosses boxes[2], so its max_edge_mm bounds the tets in it"));
+  // The small tets are there: without the box a ball this coarse has few points inside.
+  const auto counts = read_json(folder / "out/a.metrics.json")["results"]["mesh"];
+  REQUIRE(mesh("[]").exit_code == 0);
+  const auto plain = read_json(folder / "out/a.metrics.json")["results"]["mesh"];
+  CHECK(counts["interior_points"] > 3 * plain["interior_points"].get<int>());
+}
+
 TEST_CASE("cvmesh mesh: an output folder that cannot be made gives code 6 at once", "[cli]") {
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::ball(6));

@@ -55,6 +55,8 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
                "comment": "x"},
     "interfaces": [{"labels": [2, 0], "epsilon": 0.25, "comment": 1},
                    {"labels": [-7, 2], "min_edge_mm": 0.5, "max_edge_mm": 2}],
+    "boxes": [{"box": [1, 2, 3, 4, 5, 6], "epsilon": 0.5, "comment": 1},
+              {"box": [0, 0, 0, 0, 0, 0], "max_edge_mm": 2}],
     "grid_spacing_mm": "auto", "min_edge_mm": 0.5, "max_edge_mm": null, "seeding": "dense", "particle_sweeps": 4e1,
     "deviation_vox": 0.5, "on_degenerate": "fail", "flip_passes": 3, "interior_growth": 0,
     "tetgen_memory_limit_mb": 512})");
@@ -81,6 +83,11 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
   CHECK(p.interfaces[1].labels == std::array<Label, 2>{-7, 2});
   CHECK(p.interfaces[1].min_edge_mm == 0.5);
   CHECK(p.interfaces[1].max_edge_mm == 2.0);
+  REQUIRE(p.boxes.size() == 2);
+  CHECK(p.boxes[0].box == VoxelBox{{1, 2, 3}, {4, 5, 6}});
+  CHECK(p.boxes[0].epsilon == 0.5);
+  CHECK(p.boxes[1].max_edge_mm == 2.0);
+  CHECK_FALSE(p.boxes[1].epsilon);
   CHECK(p.sizing.min_edge_mm == 0.5);
   CHECK_FALSE(p.sizing.max_edge_mm);
   CHECK(p.seed_particles.seeding == Seeding::Dense);
@@ -177,6 +184,19 @@ TEST_CASE("parse_parameters: messages name file, key, value, bound and way out",
   CHECK(refusal(R"({"interfaces": [{"labels": [1, 2], "epsilon": 0}]})") ==
         "parameters: p.json: interfaces[0].epsilon (0) must be greater than 0; raise it, or leave "
         "it out for the default");
+  CHECK(refusal(R"({"boxes": [{"box": [1, 2, 3, 4, 5]}]})") ==
+        "parameters: p.json: boxes[0].box ([1,2,3,4,5]) has 5 numbers rather than 6; give the "
+        "first and the last voxel, like [0, 0, 0, 63, 63, 31]");
+  CHECK(refusal(R"({"boxes": [{"box": [1, 2, 3, 4, 1, 6]}]})") ==
+        "parameters: p.json: boxes[0].box begins at j = 2 and ends at j = 1; give the first "
+        "voxel, then the last");
+  CHECK(refusal(R"({"boxes": [{"max_edge_mm": 2}]})").find("has no key \"box\"") !=
+        std::string::npos);
+  CHECK(refusal(R"({"boxes": [{"box": null}]})").find("boxes[0].box (null) is null") !=
+        std::string::npos);
+  CHECK(refusal(R"({"boxes": [{"box": [1, 2, 3, 4, 5, 6], "min_edge_mm": 2, "max_edge_mm": 1}]})")
+            .find("boxes[0].min_edge_mm (2) exceeds boxes[0].max_edge_mm (1)") !=
+        std::string::npos);
   CHECK(refusal(R"([1])") ==
         "parameters: p.json: holds an array; a parameter file is one JSON object, like "
         "{\"epsilon\": 2}");
@@ -243,7 +263,8 @@ TEST_CASE("parse_parameters: settings override the file", "[params][unit]") {
 TEST_CASE("parameters_to_json: gives a file that parses to the same parameters", "[params][unit]") {
   const Parameters p = parse(R"({"target_vertices": 500, "labels": {"-3": {"name": "a"}},
     "region_of_interest": [1, 2, 3, 4, 5, 6], "merge_labels": {"2": [4, 3]},
-    "interfaces": [{"labels": [3, -3], "epsilon": 2}]})");
+    "interfaces": [{"labels": [3, -3], "epsilon": 2}],
+    "boxes": [{"box": [1, 2, 3, 4, 5, 6], "min_edge_mm": 2}]})");
   const Json json = parameters_to_json(p);
   CHECK(json["epsilon"].is_null());
   CHECK(json["region_of_interest"] == Json({1, 2, 3, 4, 5, 6}));
@@ -251,6 +272,8 @@ TEST_CASE("parameters_to_json: gives a file that parses to the same parameters",
   CHECK(json["interfaces"][0]["labels"] == Json({3, -3}));
   CHECK(json["interfaces"][0]["epsilon"] == 2.0);
   CHECK(json["interfaces"][0]["max_edge_mm"].is_null());
+  CHECK(json["boxes"][0]["box"] == Json({1, 2, 3, 4, 5, 6}));
+  CHECK(json["boxes"][0]["min_edge_mm"] == 2.0);
   CHECK(parameters_to_json(parse_parameters(json, "again")) == json);
 }
 
@@ -304,6 +327,10 @@ TEST_CASE("parameters_schema: describes each key of the table with its default",
   CHECK(interface["properties"]["labels"]["minItems"] == 2);
   CHECK(interface["properties"]["labels"]["items"]["type"] == "integer");
   CHECK(interface["properties"]["epsilon"]["exclusiveMinimum"] == 0);
+  const Json& box = schema["properties"]["boxes"]["items"];
+  CHECK(box["required"] == Json::array({"box"}));
+  CHECK(box["properties"]["box"]["minItems"] == 6);
+  CHECK(box["properties"]["max_edge_mm"]["type"] == Json({"number", "null"}));
 }
 
 TEST_CASE("parse_parameters: grid_spacing_mm is a length, \"auto\" or nothing", "[params][unit]") {

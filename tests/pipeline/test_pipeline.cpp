@@ -186,6 +186,47 @@ TEST_CASE("run_pipeline: thick slices on a finer working grid stay where they ar
   }
 }
 
+TEST_CASE("run_pipeline: boxes count voxels of the input, whatever the working grid",
+          "[pipeline][unit]") {
+  // A ball of 9 mm around the world origin, the voxels around it cut off by the crop.
+  const test_data::TemporaryFolder folder;
+  const InputVolume volume = phantoms::ball(9, {1, 1, 2});
+  write_volume_file(folder / "a.nii", volume);
+  const auto& dims = volume.frame.dims;
+  const auto check_run = [&](const RunRequest& request, double face_mm) {
+    run_pipeline(request, silent_context());
+    std::ifstream mesh(folder / "out" / "a.mesh");
+    std::string word;
+    while (mesh >> word && word != "Vertices") {
+    }
+    std::size_t count = 0;
+    mesh >> count;
+    std::size_t inside = 0, outside = 0;  // within 2 mm of the face of the box
+    for (std::size_t n = 0; n < count; ++n) {
+      Vec3 p;
+      int reference = 0;
+      mesh >> p.x >> p.y >> p.z >> reference;
+      inside += p.z > face_mm && p.z < face_mm + 2 ? 1 : 0;
+      outside += p.z < face_mm - 0.5 && p.z > face_mm - 2.5 ? 1 : 0;
+    }
+    CHECK(inside > 10 * outside);
+  };
+  RunRequest request = request_for(folder / "a.nii", folder / "out");
+  request.parameters.sizing.delta = 10;  // the step shows where the box is
+  // The upper part, from 2 voxels above the middle on: its lower face lies at 1.5 voxels.
+  const int first = dims[2] / 2 + 2;
+  request.parameters.boxes = {
+      {.box = {{0, 0, first}, {dims[0] - 1, dims[1] - 1, dims[2] - 1}}, .max_edge_mm = 0.7}};
+  const double face_mm = 2 * 1.5;
+  check_run(request, face_mm);
+  request.parameters.clean_labels.region_of_interest =
+      VoxelBox{{3, 4, 5}, {dims[0] - 3, dims[1] - 4, dims[2] - 3}};
+  check_run(request, face_mm);
+  request.parameters.clean_labels.region_of_interest = {};
+  request.parameters.grid_spacing_mm = GridSpacing{.mm = 0.8};
+  check_run(request, face_mm);
+}
+
 TEST_CASE("run_pipeline: target_vertices is met within two percent", "[pipeline][unit]") {
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::ball(12));

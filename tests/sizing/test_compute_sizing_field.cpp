@@ -12,6 +12,7 @@
 #include "support/catch.h"
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <vector>
 
 namespace cvmesh {
@@ -30,11 +31,13 @@ SizingOptions with(double epsilon, double delta = 0.4) {
 
 struct Surface {
   GridFrame frame;
+  std::shared_ptr<const Grid<MaterialId>> labels;
   InterfaceMesh dense;
   Strata strata;
   std::vector<double> lfs;
 
-  explicit Surface(const LevelSets& level_sets) : frame(level_sets.frame()) {
+  explicit Surface(const LevelSets& level_sets)
+      : frame(level_sets.frame()), labels(level_sets.labels) {
     const auto context = silent_context();
     dense = extract_interfaces(level_sets, context);
     strata = find_strata(dense);
@@ -43,7 +46,7 @@ struct Surface {
   }
 
   [[nodiscard]] SizingResult size(const SizingOptions& options) const {
-    return compute_sizing_field(dense, strata, lfs, frame, options, silent_context());
+    return compute_sizing_field(dense, strata, lfs, *labels, options, silent_context());
   }
 };
 
@@ -235,6 +238,103 @@ TEST_CASE("compute_sizing_field: an interface may be coarser than its materials"
   CHECK(coarsest == Approx(4));
 }
 
+TEST_CASE("compute_sizing_field: inside a box its sizes rule, outside h grows from them",
+          "[sizing][unit]") {
+  const Surface surface = ball(15);
+  const Vec3 centre = middle_of(surface.frame);
+  const double delta = 0.4;
+  SizingOptions options = with(0.4, delta);
+  options.per_material[1].epsilon = 0.5;
+  const auto around = surface.size(options).sizing_field.h_mm;
+  const Box3 box{{centre.x + 8, -100, -100}, {100, 100, 100}};
+  options.boxes = {{box, {.epsilon = 0.1}}};
+  const auto h = surface.size(options).sizing_field.h_mm;
+  std::size_t unchanged = 0;
+  for (std::size_t v = 0; v < h.size(); ++v) {
+    const Vec3& p = surface.dense.points[v];
+    if (box.contains(p)) {
+      CHECK(h[v] == Approx(0.1 * surface.lfs[v]).epsilon(0.05));
+    } else {
+      CHECK(h[v] >= 0.1 * 13);  // the feature size is the radius, less a voxel or two
+      // First-order upwind distances are too long by up to a spacing or two.
+      CHECK(h[v] <= 0.1 * 15 + delta * (std::abs(box.lo.x - p.x) + 10 + 2));
+      unchanged += h[v] == around[v];
+    }
+  }
+  CHECK(unchanged > h.size() / 4);
+}
+
+TEST_CASE("compute_sizing_field: max_edge_mm of a box bounds the volume in it", "[sizing][unit]") {
+  const Surface surface = ball(20);
+  const Vec3 centre = middle_of(surface.frame) + Vec3{0.3, 0.2, 0.1};
+  const auto peak = [&](const Box3& box) {
+    SizingOptions options = with(0.25);
+    options.boxes = {{box, {.max_edge_mm = 1.5}}};
+    return surface.size(options).sizing_field;
+  };
+  const auto around = surface.size(with(0.25)).sizing_field;
+  const double half = 4;
+  const Vec3 reach{half, half, half};
+  const auto field = peak({centre - reach, centre + reach});
+  CHECK(around.at(centre) > 10);
+  CHECK(field.at(centre) == Approx(1.5));
+  CHECK(field.at(centre + Vec3{half - 1, 0, 0}) == Approx(1.5));
+  // No surface is near, so none feels the box.
+  CHECK(field.h_mm == around.h_mm);
+  // Up to a spacing of the grid, h grows by delta outside.
+  for (const double away : {2.0, 4.0, 6.0})
+    CHECK(field.at(centre + Vec3{0, half + away, 0}) == Approx(1.5 + 0.4 * away).margin(0.4));
+  // A box between the nodes reaches those beside it.
+  const Vec3 node{std::floor(centre.x), std::floor(centre.y), std::floor(centre.z)};
+  const auto speck = peak({node + Vec3{0.4, 0.4, 0.4}, node + Vec3{0.6, 0.6, 0.6}});
+  CHECK(speck.at(node + Vec3{0.5, 0.5, 0.5}) == Approx(1.5 + 0.4 * 0.4 * std::sqrt(3.0)));
+}
+
+TEST_CASE("compute_sizing_field: where boxes overlap the last value rules", "[sizing][unit]") {
+  const Surface surface = ball(20);
+  const Box3 all{{-100, -100, -100}, {100, 100, 100}};
+  const Vec3 centre = middle_of(surface.frame);
+  SizingOptions options = with(1);
+  options.boxes = {{all, {.epsilon = 0.1, .max_edge_mm = 1.0}}, {all, {.max_edge_mm = 1.5}}};
+  const auto coarser = surface.size(options).sizing_field;
+  CHECK(coarser.at(centre) == Approx(1.5));
+  for (const double h : coarser.h_mm)
+    CHECK(h == Approx(1.5));  // a tenth of the radius is more
+  std::swap(options.boxes[0], options.boxes[1]);
+  CHECK(surface.size(options).sizing_field.at(centre) == Approx(1));
+
+  // A bound of the box takes the other one from outside along.
+  SizingOptions bounded = with(0.1);
+  bounded.max_edge_mm = 0.5;
+  bounded.boxes = {{all, {.min_edge_mm = 3.0}}};
+  for (const double h : surface.size(bounded).sizing_field.h_mm)
+    CHECK(h == Approx(3));
+}
+
+TEST_CASE("compute_sizing_field: max_edge_mm of a material bounds its volume, too",
+          "[sizing][unit]") {
+  const Surface surface = ball(20);
+  const Vec3 centre = middle_of(surface.frame);
+  SizingOptions options = with(0.25);
+  options.per_material[1].max_edge_mm = 1.5;
+  const auto field = surface.size(options).sizing_field;
+  CHECK(field.at(centre) == Approx(1.5));
+  CHECK(field.at(centre + Vec3{10, 0, 0}) == Approx(1.5));
+  for (const double h : field.h_mm)
+    CHECK(h <= 1.5);
+  const auto& frame = surface.frame;
+  const double corner = 0.5 * frame.dims[0] * std::sqrt(3.0) - 20;
+  CHECK(field.at({0, 0, 0}) == Approx(1.5 + 0.4 * corner).margin(1));
+
+  // The interface keeps its own size; a box may coarsen a part.
+  options.per_interface[{1, 0}] = {.max_edge_mm = 4.0};
+  options.boxes = {{{centre - Vec3{3, 3, 3}, centre + Vec3{3, 3, 3}}, {.max_edge_mm = 2.0}}};
+  const auto mixed = surface.size(options).sizing_field;
+  CHECK(*std::max_element(mixed.h_mm.begin(), mixed.h_mm.end()) > 3.9);
+  CHECK(mixed.at(centre) == Approx(2));
+  CHECK(mixed.at(centre + Vec3{10, 0, 0}) == Approx(1.5));
+}
+
 TEST_CASE("compute_sizing_field: refuses values out of range and says what to do",
           "[sizing][unit]") {
   const Surface surface = ball(5);
@@ -257,6 +357,9 @@ TEST_CASE("compute_sizing_field: refuses values out of range and says what to do
   SizingOptions material;
   material.per_material[1].epsilon = 0.0;
   CHECK(message(material).find("material 1: epsilon (0)") != std::string::npos);
+  SizingOptions box;
+  box.boxes = {{{}, {.min_edge_mm = 2.0, .max_edge_mm = 1.0}}};
+  CHECK(message(box).find("box 0: min_edge_mm (2) exceeds max_edge_mm (1)") != std::string::npos);
   SizingOptions interface;
   interface.max_edge_mm = 2.0;
   interface.per_interface[{1, 0}].min_edge_mm = 3.0;
@@ -266,7 +369,7 @@ TEST_CASE("compute_sizing_field: refuses values out of range and says what to do
 
 TEST_CASE("SizingProblem: a field does not depend on those before it", "[sizing][unit]") {
   const Surface surface = lollipop();
-  const SizingProblem problem(surface.dense, surface.strata, surface.lfs, surface.frame);
+  const SizingProblem problem(surface.dense, surface.strata, surface.lfs, *surface.labels);
   for (const double epsilon : {4.0, 0.5, 2.0}) {
     const auto one = problem.field(with(epsilon), silent_context());
     const auto other = surface.size(with(epsilon));
@@ -280,13 +383,17 @@ TEST_CASE("SizingProblem: a field does not depend on those before it", "[sizing]
 TEST_CASE("SizingProblem: the estimate of the vertices is close to what the field expects",
           "[sizing][unit]") {
   for (const Surface& surface : {ball(40), lollipop()}) {
-    const SizingProblem problem(surface.dense, surface.strata, surface.lfs, surface.frame);
+    const SizingProblem problem(surface.dense, surface.strata, surface.lfs, *surface.labels);
     for (const double epsilon : {0.5, 1.0, 4.0}) {
       const double expected =
           problem.field(with(epsilon), silent_context()).stats.expected_vertices;
       // From there the search needs one or two fields.
       CHECK(problem.estimate_vertices(with(epsilon)) == Approx(expected).epsilon(0.05));
     }
+    SizingOptions boxed = with(1);
+    boxed.boxes = {{{{-99, -99, -99}, middle_of(surface.frame)}, {.max_edge_mm = 0.5}}};
+    const double expected = problem.field(boxed, silent_context()).stats.expected_vertices;
+    CHECK(problem.estimate_vertices(boxed) == Approx(expected).epsilon(0.05));
   }
 }
 

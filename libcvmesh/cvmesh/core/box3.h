@@ -36,6 +36,8 @@ struct Box3 {
   [[nodiscard]] Vec3 extent() const { return is_empty() ? Vec3{} : hi - lo; }
 
   [[nodiscard]] double diagonal() const { return norm(extent()); }
+
+  friend bool operator==(const Box3&, const Box3&) = default;
 };
 
 }  // namespace cvmesh

@@ -129,6 +129,13 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .doc = "Sizes of single interfaces, instead of what their labels say: [{\"labels\": [2, 3], "
               "\"epsilon\": 0.5}]; label 0 is the exterior.",
        .field = CVMESH_FIELD(interfaces)},
+      {.key = "boxes",
+       .unit = "voxels",
+       .doc =
+           "Sizes inside boxes of voxels, instead of all others: [{\"box\": [i0, j0, k0, i1, j1, "
+           "k1], \"epsilon\": 0.5}], counted as for region_of_interest. Where boxes overlap, the "
+           "last one that gives a value rules.",
+       .field = CVMESH_FIELD(boxes)},
       {.key = "grid_spacing_mm",
        .unit = "mm",
        .doc =
@@ -305,6 +312,23 @@ const std::vector<ParameterInfo<InterfaceParameters>>& interface_parameter_table
          .is_required = true}};
     add_size_rows("As the global key, on this interface; at its ends the smaller size rules.",
                   "As the global key, on this interface.", "As the global key, on this interface.",
+                  rows);
+    return rows;
+  }();
+  return table;
+}
+
+const std::vector<ParameterInfo<BoxParameters>>& box_parameter_table() {
+  static const std::vector<ParameterInfo<BoxParameters>> table = [] {
+    std::vector<ParameterInfo<BoxParameters>> rows = {
+        {.key = "box",
+         .unit = "voxels",
+         .doc = "First and last voxel of the box, [i0, j0, k0, i1, j1, k1], both included.",
+         .field = CVMESH_FIELD_OF(BoxParameters, box),
+         .is_required = true}};
+    add_size_rows("As the global key, on the surfaces in this box.",
+                  "As the global key, on the surfaces in this box.",
+                  "As the global key, on the surfaces in this box; bounds the tets in it, too.",
                   rows);
     return rows;
   }();

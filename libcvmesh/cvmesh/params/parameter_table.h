@@ -23,13 +23,15 @@ using ParameterField = std::variant<bool*,
                                     std::optional<std::string>*,
                                     Seeding*,
                                     OnDegenerate*,
+                                    VoxelBox*,
                                     std::optional<VoxelBox>*,
                                     std::optional<GridSpacing>*,
                                     std::vector<Label>*,
                                     std::array<Label, 2>*,
                                     std::map<Label, std::vector<Label>>*,
                                     std::map<Label, LabelParameters>*,
-                                    std::vector<InterfaceParameters>*>;
+                                    std::vector<InterfaceParameters>*,
+                                    std::vector<BoxParameters>*>;
 
 /// One key of the parameter file. The parser, the JSON schema, the defaults and the messages all
 /// read this; the default is what `field` holds in a fresh `Owner`.
@@ -55,5 +57,8 @@ const std::vector<ParameterInfo<LabelParameters>>& label_parameter_table();
 
 /// The keys of one entry of "interfaces".
 const std::vector<ParameterInfo<InterfaceParameters>>& interface_parameter_table();
+
+/// The keys of one entry of "boxes".
+const std::vector<ParameterInfo<BoxParameters>>& box_parameter_table();
 
 }  // namespace cvmesh

@@ -3,6 +3,7 @@
 
 #include "cvmesh/core/label.h"
 #include "cvmesh/labels/clean_labels.h"
+#include "cvmesh/labels/voxel_box.h"
 #include "cvmesh/levelset/tighten.h"
 #include "cvmesh/medial/extract_medial_axis.h"
 #include "cvmesh/particles/distribute_particles.h"
@@ -36,7 +37,13 @@ struct LabelParameters {
 /// What a parameter file may say about the interface of two labels, in an entry of "interfaces".
 struct InterfaceParameters {
   std::array<Label, 2> labels{0, 0};  ///< in any order; 0 may stand for the exterior
-  std::optional<double> epsilon, min_edge_mm, max_edge_mm;
+  std::optional<double> epsilon{}, min_edge_mm{}, max_edge_mm{};
+};
+
+/// What a parameter file may say about a box of the input volume, in an entry of "boxes".
+struct BoxParameters {
+  VoxelBox box;
+  std::optional<double> epsilon{}, min_edge_mm{}, max_edge_mm{};
 };
 
 /// Everything that decides a mesh besides the label volume: the options of all stages, whose
@@ -48,6 +55,7 @@ struct Parameters {
   std::optional<std::size_t> target_vertices;
   std::map<Label, LabelParameters> labels;
   std::vector<InterfaceParameters> interfaces;  ///< each pair of labels once
+  std::vector<BoxParameters> boxes;             ///< of two values for one place the later one rules
   /// Working grid of all stages between labels and metrics; empty for that of the volume.
   std::optional<GridSpacing> grid_spacing_mm;
 

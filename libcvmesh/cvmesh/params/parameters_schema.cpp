@@ -34,8 +34,10 @@ const char* type_name(const ParameterField& field) {
           return "string";
         else if constexpr (std::is_same_v<Value, std::vector<Label>> ||
                            std::is_same_v<Value, std::array<Label, 2>> ||
+                           std::is_same_v<Value, VoxelBox> ||
                            std::is_same_v<Value, std::optional<VoxelBox>> ||
-                           std::is_same_v<Value, std::vector<InterfaceParameters>>)
+                           std::is_same_v<Value, std::vector<InterfaceParameters>> ||
+                           std::is_same_v<Value, std::vector<BoxParameters>>)
           return "array";
         else
           return "object";
@@ -85,6 +87,13 @@ Json label_value() {
           {"maximum", std::numeric_limits<Label>::max()}};
 }
 
+/// Lets an array be the first and the last voxel of a box.
+void fit_box(Json& schema) {
+  schema["items"] = {
+      {"type", "integer"}, {"minimum", 0}, {"maximum", std::numeric_limits<int>::max()}};
+  schema["minItems"] = schema["maxItems"] = 6;
+}
+
 /// Lets an object have label values as keys, each with a value that fits `entry`.
 void key_by_label(Json& schema, const Json& entry) {
   schema["patternProperties"] = {{"^-?[0-9]+$", entry}};
@@ -102,10 +111,7 @@ Json parameters_schema() {
     properties[key] = property(info);
     properties[key]["default"] = defaults[key];
   }
-  Json& region = properties["region_of_interest"];
-  region["items"] = {
-      {"type", "integer"}, {"minimum", 0}, {"maximum", std::numeric_limits<int>::max()}};
-  region["minItems"] = region["maxItems"] = 6;
+  fit_box(properties["region_of_interest"]);
   properties["grid_spacing_mm"]["type"] = {"number", "string", "null"};
   properties["grid_spacing_mm"]["pattern"] = "^auto$";
   key_by_label(properties["merge_labels"],
@@ -118,6 +124,9 @@ Json parameters_schema() {
   pair["minItems"] = pair["maxItems"] = 2;
   pair["uniqueItems"] = true;
   properties["interfaces"]["items"] = interface;
+  Json box = entry_schema(box_parameter_table());
+  fit_box(box["properties"]["box"]);
+  properties["boxes"]["items"] = box;
   properties["comment"] = {{"description", "Ignored; for notes of any type."}};
 
   const Json both = {

@@ -194,6 +194,7 @@ GridSpacing read_grid_spacing(const Place& place, const Json& value) {
 std::map<Label, std::vector<Label>> read_label_merges(const Place& place, const Json& value);
 std::map<Label, LabelParameters> read_label_table(const Place& place, const Json& value);
 std::vector<InterfaceParameters> read_interfaces(const Place& place, const Json& value);
+std::vector<BoxParameters> read_boxes(const Place& place, const Json& value);
 
 /// Reads `value` into the field of `owner` that `info` describes.
 template <typename Owner>
@@ -230,7 +231,10 @@ void read_parameter(const ParameterInfo<Owner>& info,
           *field = read_label_pair(place, value);
         } else if constexpr (std::is_same_v<Value, std::vector<InterfaceParameters>>) {
           *field = read_interfaces(place, value);
-        } else if constexpr (std::is_same_v<Value, std::optional<VoxelBox>>) {
+        } else if constexpr (std::is_same_v<Value, std::vector<BoxParameters>>) {
+          *field = read_boxes(place, value);
+        } else if constexpr (std::is_same_v<Value, VoxelBox> ||
+                             std::is_same_v<Value, std::optional<VoxelBox>>) {
           *field = read_voxel_box(place, value);
         } else if constexpr (std::is_same_v<Value, std::optional<GridSpacing>>) {
           *field = read_grid_spacing(place, value);
@@ -328,6 +332,11 @@ std::vector<InterfaceParameters> read_interfaces(const Place& place, const Json&
                       "{\"labels\": [1, 2], \"epsilon\": 0.5}");
 }
 
+std::vector<BoxParameters> read_boxes(const Place& place, const Json& value) {
+  return read_entries(box_parameter_table(), place, value,
+                      "{\"box\": [0, 0, 0, 9, 9, 9], \"epsilon\": 0.5}");
+}
+
 bool is_set(const Json& object, const char* key) {
   return object.contains(key) && !object[key].is_null();
 }
@@ -418,6 +427,19 @@ void check_interfaces(const Parameters& parameters, const std::string& source) {
   }
 }
 
+/// Boxes that hold a voxel, and bounds of one box that do not cross.
+void check_boxes(const Parameters& parameters, const std::string& source) {
+  for (std::size_t n = 0; n < parameters.boxes.size(); ++n) {
+    const BoxParameters& own = parameters.boxes[n];
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      if (own.box.lo[axis] > own.box.hi[axis])
+        refuse(source, fmt::format("boxes[{0}].box begins at {1} = {2} and ends at {1} = {3}; give "
+                                   "the first voxel, then the last",
+                                   n, "ijk"[axis], own.box.lo[axis], own.box.hi[axis]));
+    check_edge_bounds(own.min_edge_mm, own.max_edge_mm, fmt::format("boxes[{}].", n), source);
+  }
+}
+
 /// Checks that need more than one key, and what one key says to several stages.
 void finish(Parameters& parameters, const std::string& source) {
   parameters.flip_edges.deviation_vox = parameters.decimate.deviation_vox;
@@ -430,10 +452,15 @@ void finish(Parameters& parameters, const std::string& source) {
     if (own.name) parameters.clean_labels.names[label] = *own.name;
   }
   check_interfaces(parameters, source);
+  check_boxes(parameters, source);
 }
 
 template <typename Owner>
 Json to_json_object(const std::vector<ParameterInfo<Owner>>& table, Owner owner);
+
+Json to_json_array(const VoxelBox& box) {
+  return {box.lo[0], box.lo[1], box.lo[2], box.hi[0], box.hi[1], box.hi[2]};
+}
 
 template <typename Owner>
 Json to_json_list(const std::vector<ParameterInfo<Owner>>& table,
@@ -458,14 +485,16 @@ Json to_json_value(const ParameterInfo<Owner>& info, Owner& owner) {
           return labels;
         } else if constexpr (std::is_same_v<Value, std::vector<InterfaceParameters>>) {
           return to_json_list(interface_parameter_table(), *field);
+        } else if constexpr (std::is_same_v<Value, std::vector<BoxParameters>>) {
+          return to_json_list(box_parameter_table(), *field);
         } else if constexpr (std::is_same_v<Value, std::optional<double>> ||
                              std::is_same_v<Value, std::optional<std::size_t>> ||
                              std::is_same_v<Value, std::optional<std::string>>) {
           return *field ? Json(**field) : Json();
         } else if constexpr (std::is_same_v<Value, std::optional<VoxelBox>>) {
-          if (!*field) return {};
-          const auto& [lo, hi] = **field;
-          return {lo[0], lo[1], lo[2], hi[0], hi[1], hi[2]};
+          return *field ? to_json_array(**field) : Json();
+        } else if constexpr (std::is_same_v<Value, VoxelBox>) {
+          return to_json_array(*field);
         } else if constexpr (std::is_same_v<Value, std::optional<GridSpacing>>) {
           if (!*field) return {};
           return (*field)->is_auto ? Json(kAuto) : Json((*field)->mm);

@@ -145,6 +145,19 @@ std::optional<MaterialId> material_of(const LabelVolume& labels, Label label) {
   return static_cast<MaterialId>(found - labels.label_of.begin());
 }
 
+/// Refuses boxes that reach outside the volume.
+void check_boxes(const Run& run) {
+  const std::array<int, 3>& dims = run.report.input.dims;
+  const std::vector<BoxParameters>& boxes = run.request.parameters.boxes;
+  for (std::size_t n = 0; n < boxes.size(); ++n)
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      require(boxes[n].box.hi[axis] < dims[axis], ErrorCode::BadParameter, "parameters",
+              fmt::format("boxes[{0}].box reaches {1} = {2}, outside the volume of {3} x {4} x {5} "
+                          "voxels; keep {1} between 0 and {6}",
+                          n, "ijk"[axis], boxes[n].box.hi[axis], dims[0], dims[1], dims[2],
+                          dims[axis] - 1));
+}
+
 /// The two sides of the interface of two of the user's labels, of which 0 may be the exterior;
 /// nothing where one is not in the volume.
 std::optional<Sides> sides_of(const LabelVolume& labels, const std::array<Label, 2>& pair) {
@@ -174,7 +187,10 @@ void warn_of_absent_labels(const Run& run, const LabelVolume& labels) {
 }
 
 /// Says which sizes have no surface to rule.
-void warn_of_idle_sizes(const Run& run, const LabelVolume& labels, const Dense& dense) {
+void warn_of_idle_sizes(const Run& run,
+                        const LabelVolume& labels,
+                        const Dense& dense,
+                        const SizingOptions& options) {
   for (const InterfaceParameters& own : run.request.parameters.interfaces) {
     const auto sides = sides_of(labels, own.labels);
     const auto is_it = [&](const PatchKey& patch) { return patch.sides == *sides; };
@@ -182,6 +198,15 @@ void warn_of_idle_sizes(const Run& run, const LabelVolume& labels, const Dense& 
       run.context.log->warn(
           "parameters: interfaces names labels {} and {}, which do not touch each other",
           own.labels[0], own.labels[1]);
+  }
+  for (std::size_t n = 0; n < options.boxes.size(); ++n) {
+    const auto& [box_mm, sizes] = options.boxes[n];
+    if (std::none_of(dense.mesh.points.begin(), dense.mesh.points.end(),
+                     [box = box_mm](const Vec3& p) { return box.contains(p); }))
+      run.context.log->warn("parameters: no surface crosses boxes[{}], so {}", n,
+                            sizes.max_edge_mm && !run.request.surface_only
+                                ? "its max_edge_mm bounds the tets in it only"
+                                : "it has no effect");
   }
 }
 
@@ -265,7 +290,21 @@ MedialAxis medial_axis_of(Run& run,
   return std::move(result.medial_axis);
 }
 
-/// The sizing options with the user's labels turned into material ids.
+/// The extent of a box of input voxels in the grid mm of the working grid, which begins with the
+/// same voxel face as the crop, whatever its spacing.
+Box3 box_mm(const VoxelBox& box, const Vec3& input_spacing_mm, const LabelVolume& labels) {
+  Box3 result;
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto n = static_cast<std::size_t>(axis);
+    const double first_face = -0.5 * labels.frame().spacing_mm[axis];
+    const double spacing = input_spacing_mm[axis];
+    result.lo[axis] = first_face + spacing * (box.lo[n] - labels.first_voxel[n]);
+    result.hi[axis] = first_face + spacing * (box.hi[n] + 1 - labels.first_voxel[n]);
+  }
+  return result;
+}
+
+/// The sizing options with the user's labels turned into material ids, and boxes into grid mm.
 SizingOptions sizing_options_of(const Run& run, const LabelVolume& labels) {
   SizingOptions options = run.request.parameters.sizing;
   for (const auto& [label, own] : run.request.parameters.labels)
@@ -274,10 +313,13 @@ SizingOptions sizing_options_of(const Run& run, const LabelVolume& labels) {
   for (const InterfaceParameters& own : run.request.parameters.interfaces)
     if (const auto sides = sides_of(labels, own.labels))
       options.per_interface[*sides] = {own.epsilon, own.min_edge_mm, own.max_edge_mm};
+  for (const BoxParameters& own : run.request.parameters.boxes)
+    options.boxes.push_back({box_mm(own.box, run.report.input.spacing_mm, labels),
+                             {own.epsilon, own.min_edge_mm, own.max_edge_mm}});
   return options;
 }
 
-/// The options with every epsilon multiplied, so that labels and interfaces keep their ratios.
+/// The options with every epsilon multiplied, so that all places keep their ratios.
 SizingOptions scaled(SizingOptions options, double factor) {
   const auto scale = [&](OwnSizes& own) {
     if (own.epsilon) own.epsilon = *own.epsilon * factor;
@@ -287,6 +329,8 @@ SizingOptions scaled(SizingOptions options, double factor) {
     scale(own);
   for (auto& [sides, own] : options.per_interface)
     scale(own);
+  for (BoxSizes& box : options.boxes)
+    scale(box.sizes);
   return options;
 }
 
@@ -386,7 +430,7 @@ class Sampler {
       problem_.emplace(dense_.mesh, dense_.strata,
                        local_feature_size(dense_.mesh, dense_.strata, medial_axis_,
                                           level_sets_.frame().voxel_mm(), run_.context),
-                       level_sets_.frame());
+                       *level_sets_.labels);
       medial_axis_ = {};
     }
     return *problem_;
@@ -430,9 +474,9 @@ Sampling sample_surfaces(Run& run,
                          const LevelSets& level_sets,
                          const Dense& dense,
                          MedialAxis medial_axis) {
-  warn_of_idle_sizes(run, labels, dense);
-  Sampler sampler(run, dense, level_sets, std::move(medial_axis));
   const SizingOptions options = sizing_options_of(run, labels);
+  warn_of_idle_sizes(run, labels, dense, options);
+  Sampler sampler(run, dense, level_sets, std::move(medial_axis));
   const std::optional<std::size_t> target = run.request.parameters.target_vertices;
   Sampling sampling = target ? sampler.sample_to_target(options, *target) : sampler.sample(options);
 
@@ -583,6 +627,7 @@ void write(Run& run, const LabelVolume& labels, const TetMesh& tets) {
 
 void run_stages(Run& run) {
   const LabelVolume native = read_and_clean(run);
+  check_boxes(run);
   warn_of_absent_labels(run, native);
   std::optional<ResampleLabelsResult> resampled = resample(run, native);
   const LabelVolume& labels = resampled ? resampled->labels : native;

@@ -6,6 +6,7 @@
 #include "cvmesh/sizing/size_rules.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <functional>
@@ -57,6 +58,35 @@ class DisjointSets {
   std::vector<std::int32_t> parent_;
 };
 
+// Makes h at most `highest` at the nodes in a box. A box too small to hold a node of an axis gives
+// its size to the nodes on both sides of its middle.
+void limit_in_box(const Box3& box, double highest, double delta, Grid<float>& h) {
+  const GridFrame& frame = h.frame;
+  std::array<int, 3> lo, hi;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double from = box.lo[axis] / frame.spacing_mm[axis];
+    const double to = box.hi[axis] / frame.spacing_mm[axis];
+    const int last = frame.dims[axis] - 1;
+    if (to < -0.5 || from > last + 0.5) return;  // outside the grid
+    lo[axis] = static_cast<int>(std::ceil(from));
+    hi[axis] = static_cast<int>(std::floor(to));
+    if (lo[axis] > hi[axis]) std::swap(lo[axis], hi[axis]);
+    lo[axis] = std::clamp(lo[axis], 0, last);
+    hi[axis] = std::clamp(hi[axis], 0, last);
+  }
+  for (int k = lo[2]; k <= hi[2]; ++k)
+    for (int j = lo[1]; j <= hi[1]; ++j)
+      for (int i = lo[0]; i <= hi[0]; ++i) {
+        const Vec3 node = frame.index_to_mm({double(i), double(j), double(k)});
+        Vec3 nearest;
+        for (int axis = 0; axis < 3; ++axis)
+          nearest[axis] = std::clamp(node[axis], box.lo[axis], box.hi[axis]);
+        // Inside, the last box rules, be it the coarser one.
+        const auto value = static_cast<float>(highest + delta * distance(node, nearest));
+        h(i, j, k) = node == nearest ? value : std::min(h(i, j, k), value);
+      }
+}
+
 // Smallest, median and largest of the values; zeros when there are none.
 struct Range {
   double min = 0, median = 0, max = 0;
@@ -75,11 +105,11 @@ Range range_of(std::vector<double> values) {
 SizingProblem::SizingProblem(const InterfaceMesh& dense,
                              const Strata& strata,
                              std::vector<double> lfs_mm,
-                             const GridFrame& frame)
+                             const Grid<MaterialId>& labels)
     : dense_(dense),
       strata_(strata),
+      labels_(labels),
       lfs_mm_(std::move(lfs_mm)),
-      frame_(frame),
       room_mm_(dense.points.size(), kInfinity) {
   const Range range = range_of(lfs_mm_);
   common_.lfs_min_mm = range.min;
@@ -177,12 +207,12 @@ void SizingProblem::cap_on_closed_curves() {
 
 std::vector<double> SizingProblem::wanted_size(const SizingOptions& options) const {
   const SizeRules rules(strata_, options);
-  const double floor_mm = options.min_feature_vox * frame_.voxel_mm();
+  const double floor_mm = options.min_feature_vox * labels_.frame.voxel_mm();
   std::vector<double> h(lfs_mm_.size(), kInfinity);
   parallel_for_each_index(0, h.size(), [&](std::size_t v) {
     const double feature = std::max(lfs_mm_[v], floor_mm);
     for (auto s = first_share_[v]; s < first_share_[v + 1]; ++s)
-      h[v] = std::min(h[v], rules.wanted_mm(shares_[s].patch, feature));
+      h[v] = std::min(h[v], rules.wanted_mm(shares_[s].patch, dense_.points[v], feature));
     // A point without facets belongs to no material.
     if (h[v] == kInfinity) h[v] = feature;
   });
@@ -204,8 +234,47 @@ std::size_t SizingProblem::apply_room(std::vector<double>& h) const {
 Grid<float> SizingProblem::volume_of(const std::vector<double>& h,
                                      const SizingOptions& options,
                                      std::size_t max_nodes) const {
-  return extend_from_points(dense_.points, h, options.delta,
-                            Grid<float>(coarsened(frame_, max_nodes), kUnlimited));
+  Grid<float> volume(coarsened(labels_.frame, max_nodes), kUnlimited);
+  for (const BoxSizes& box : options.boxes)
+    if (box.sizes.max_edge_mm)
+      limit_in_box(box.box_mm, *box.sizes.max_edge_mm, options.delta, volume);
+  return extend_from_points(dense_.points, h, options.delta, std::move(volume));
+}
+
+// Inside materials with an upper bound of their own, but not where a box has one.
+void SizingProblem::limit_in_materials(const SizingOptions& options, Grid<float>& volume) const {
+  std::vector<float> highest;  // by material, as far as there are bounds
+  for (const auto& [m, own] : options.per_material) {
+    if (!own.max_edge_mm || m == kExterior) continue;
+    highest.resize(std::max(highest.size(), std::size_t{m} + 1), kUnlimited);
+    highest[m] = static_cast<float>(*own.max_edge_mm);
+  }
+  if (highest.empty()) return;
+  const auto is_in_box = [&](const Vec3& p) {
+    return std::any_of(options.boxes.begin(), options.boxes.end(), [&](const BoxSizes& box) {
+      return box.sizes.max_edge_mm && box.box_mm.contains(p);
+    });
+  };
+  const GridFrame& frame = volume.frame;
+  const int factor = static_cast<int>(std::lround(frame.spacing_mm.x / labels_.frame.spacing_mm.x));
+  // The last node of a coarsened axis may lie beyond the labels.
+  const auto fine = [&](int index, int axis) {
+    return std::min(index * factor, labels_.frame.dims[axis] - 1);
+  };
+  parallel_for_each_index(
+      0, static_cast<std::size_t>(frame.dims[1]) * frame.dims[2],
+      [&](std::size_t row) {
+        const int j = static_cast<int>(row % frame.dims[1]);
+        const int k = static_cast<int>(row / frame.dims[1]);
+        for (int i = 0; i < frame.dims[0]; ++i) {
+          const MaterialId m = labels_(fine(i, 0), fine(j, 1), fine(k, 2));
+          if (m >= highest.size() || volume(i, j, k) <= highest[m]) continue;
+          if (!is_in_box(frame.index_to_mm({double(i), double(j), double(k)})))
+            volume(i, j, k) = highest[m];
+        }
+      },
+      64);
+  volume = extend_from_points({}, {}, options.delta, std::move(volume));
 }
 
 void SizingProblem::limit_by_volume(const SizingField& field, std::vector<double>& h) const {
@@ -268,6 +337,7 @@ SizingResult SizingProblem::field(const SizingOptions& options, const StageConte
   // Walls that are close in space but far apart on the surface limit each other through the volume.
   limit_by_volume(field, h);
   limit_along_edges(dense_.points, neighbours_, options.delta, h);
+  limit_in_materials(options, field.volume_h_mm);
 
   const Range range = range_of(h);
   result.stats.h_min_mm = range.min;
@@ -295,10 +365,10 @@ double SizingProblem::estimate_vertices(const SizingOptions& options) const {
 SizingResult compute_sizing_field(const InterfaceMesh& dense,
                                   const Strata& strata,
                                   std::vector<double> lfs_mm,
-                                  const GridFrame& frame,
+                                  const Grid<MaterialId>& labels,
                                   const SizingOptions& options,
                                   const StageContext& context) {
-  return SizingProblem(dense, strata, std::move(lfs_mm), frame).field(options, context);
+  return SizingProblem(dense, strata, std::move(lfs_mm), labels).field(options, context);
 }
 
 }  // namespace cvmesh

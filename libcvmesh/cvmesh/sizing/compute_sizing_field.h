@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/box3.h"
 #include "cvmesh/core/context.h"
 #include "cvmesh/core/label.h"
 #include "cvmesh/medial/medial_axis.h"
@@ -21,6 +22,13 @@ struct OwnSizes {
   friend bool operator==(const OwnSizes&, const OwnSizes&) = default;
 };
 
+/// Sizes that differ inside a box.
+struct BoxSizes {
+  Box3 box_mm;  ///< grid mm, its faces included
+  OwnSizes sizes;
+  friend bool operator==(const BoxSizes&, const BoxSizes&) = default;
+};
+
 struct SizingOptions {
   double epsilon = 1.0;          ///< edge length over local feature size
   double delta = 0.4;            ///< gradation: largest slope of h
@@ -28,6 +36,7 @@ struct SizingOptions {
   std::optional<double> min_edge_mm, max_edge_mm;
   std::map<MaterialId, OwnSizes> per_material;
   std::map<Sides, OwnSizes> per_interface;  ///< instead of what its materials say
+  std::vector<BoxSizes> boxes;              ///< instead of both; of two values the later one
   friend bool operator==(const SizingOptions&, const SizingOptions&) = default;
 };
 
@@ -69,18 +78,22 @@ std::vector<double> local_feature_size(const InterfaceMesh& dense,
 ///
 /// Where materials meet, the smallest of their sizes holds; the exterior counts only where
 /// `per_material` names it. What `per_interface` says of two materials takes the place of what they
-/// say themselves, wherever they meet; where interfaces meet, the smallest size holds. Two caps
+/// say themselves, wherever they meet; where interfaces meet, the smallest size holds. Inside a box
+/// its values take the place of all these, a bound that is set moving one that is not where they
+/// cross. The max_edge_mm of a box bounds h in all of the box, and that of a material inside the
+/// material too (but not on surfaces, which have their own rules); from there h grows by delta. Two
+/// caps
 /// keep closed parts meshable at any epsilon, min_edge_mm or not: a closed boundary of area A has h
 /// <= sqrt(A / (12 sqrt(3) / 2)), room for 12 vertices, and a closed curve has room for 4. The
 /// frame of `volume_h_mm` is `frame`, coarsened by a whole number until it has at most 8 million
 /// nodes.
 class SizingProblem {
  public:
-  /// @param dense, strata  must outlive the problem
+  /// @param labels  of the working grid; this, `dense` and `strata` must outlive the problem
   SizingProblem(const InterfaceMesh& dense,
                 const Strata& strata,
                 std::vector<double> lfs_mm,
-                const GridFrame& frame);
+                const Grid<MaterialId>& labels);
 
   /// @throws Error BadParameter for epsilon, delta or bounds out of range
   [[nodiscard]] SizingResult field(const SizingOptions& options, const StageContext& context) const;
@@ -101,6 +114,7 @@ class SizingProblem {
   void cap_on_closed_curves();
   [[nodiscard]] std::vector<double> wanted_size(const SizingOptions& options) const;
   std::size_t apply_room(std::vector<double>& h) const;
+  void limit_in_materials(const SizingOptions& options, Grid<float>& volume) const;
   [[nodiscard]] Grid<float> volume_of(const std::vector<double>& h,
                                       const SizingOptions& options,
                                       std::size_t max_nodes) const;
@@ -109,8 +123,8 @@ class SizingProblem {
 
   const InterfaceMesh& dense_;
   const Strata& strata_;
+  const Grid<MaterialId>& labels_;
   std::vector<double> lfs_mm_;
-  GridFrame frame_;
   SizingStats common_;  // what of the stats does not depend on the options
   VertexNeighbours neighbours_;
   std::vector<std::int32_t> first_share_;
@@ -123,7 +137,7 @@ class SizingProblem {
 SizingResult compute_sizing_field(const InterfaceMesh& dense,
                                   const Strata& strata,
                                   std::vector<double> lfs_mm,
-                                  const GridFrame& frame,
+                                  const Grid<MaterialId>& labels,
                                   const SizingOptions& options,
                                   const StageContext& context);
 

@@ -28,7 +28,7 @@ void check(bool is_good, const std::string& message) {
 
 }  // namespace
 
-SizeRules::SizeRules(const Strata& strata, const SizingOptions& options) {
+SizeRules::SizeRules(const Strata& strata, const SizingOptions& options) : boxes_(options.boxes) {
   check(std::isfinite(options.delta) && options.delta >= 0,
         "delta (" + number(options.delta) + ") must not be negative; usual values are 0.2 to 1");
   check(std::isfinite(options.min_feature_vox) && options.min_feature_vox > 0,
@@ -39,6 +39,10 @@ SizeRules::SizeRules(const Strata& strata, const SizingOptions& options) {
   std::map<MaterialId, Bounds> of_material;
   for (const auto& [m, own] : options.per_material)
     of_material[m] = checked(overridden(common, own), "material " + std::to_string(m) + ": ");
+
+  // In a box the common bounds give way: its own must not cross.
+  for (std::size_t n = 0; n < boxes_.size(); ++n)
+    checked(overridden({1, 0, kInfinity}, boxes_[n].sizes), "box " + std::to_string(n) + ": ");
 
   for (const auto& patch : strata.patches) {
     std::vector<Bounds>& bounds = bounds_of_.emplace_back();
@@ -59,10 +63,13 @@ SizeRules::SizeRules(const Strata& strata, const SizingOptions& options) {
   }
 }
 
-double SizeRules::wanted_mm(std::int32_t patch, double feature_mm) const {
+double SizeRules::wanted_mm(std::int32_t patch, const Vec3& p, double feature_mm) const {
   double smallest = kInfinity;
-  for (const Bounds& b : bounds_of_[static_cast<std::size_t>(patch)])
+  for (Bounds b : bounds_of_[static_cast<std::size_t>(patch)]) {
+    for (const BoxSizes& box : boxes_)
+      if (box.box_mm.contains(p)) b = overridden_in_box(b, box.sizes);
     smallest = std::min(smallest, std::clamp(b.epsilon * feature_mm, b.min_edge_mm, b.max_edge_mm));
+  }
   return smallest;
 }
 
@@ -70,6 +77,16 @@ SizeRules::Bounds SizeRules::overridden(Bounds bounds, const OwnSizes& own) {
   bounds.epsilon = own.epsilon.value_or(bounds.epsilon);
   bounds.min_edge_mm = own.min_edge_mm.value_or(bounds.min_edge_mm);
   bounds.max_edge_mm = own.max_edge_mm.value_or(bounds.max_edge_mm);
+  return bounds;
+}
+
+// A bound of the box takes one from outside along where they cross: a box meets many labels.
+SizeRules::Bounds SizeRules::overridden_in_box(Bounds bounds, const OwnSizes& own) {
+  bounds = overridden(bounds, own);
+  if (own.max_edge_mm)
+    bounds.min_edge_mm = std::min(bounds.min_edge_mm, bounds.max_edge_mm);
+  else
+    bounds.max_edge_mm = std::max(bounds.max_edge_mm, bounds.min_edge_mm);
   return bounds;
 }
 

@@ -17,8 +17,8 @@ class SizeRules {
   /// @throws Error BadParameter for epsilon, delta or bounds out of range
   SizeRules(const Strata& strata, const SizingOptions& options);
 
-  /// The size wanted on a patch (index into `Strata::patches`).
-  [[nodiscard]] double wanted_mm(std::int32_t patch, double feature_mm) const;
+  /// The size wanted at point p of a patch (index into `Strata::patches`).
+  [[nodiscard]] double wanted_mm(std::int32_t patch, const Vec3& p, double feature_mm) const;
 
  private:
   struct Bounds {
@@ -26,9 +26,11 @@ class SizeRules {
   };
 
   static Bounds overridden(Bounds bounds, const OwnSizes& own);
+  static Bounds overridden_in_box(Bounds bounds, const OwnSizes& own);
   static const Bounds& checked(const Bounds& bounds, const std::string& where);
 
   std::vector<std::vector<Bounds>> bounds_of_;  // of a patch, one for each side that counts
+  std::vector<BoxSizes> boxes_;
 };
 
 }  // namespace cvmesh
