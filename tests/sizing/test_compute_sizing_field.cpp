@@ -335,6 +335,35 @@ TEST_CASE("compute_sizing_field: max_edge_mm of a material bounds its volume, to
   CHECK(mixed.at(centre + Vec3{10, 0, 0}) == Approx(1.5));
 }
 
+TEST_CASE("SizingProblem: a cap of h at vertices rules there, and h grows from it",
+          "[sizing][unit]") {
+  const Surface surface = ball(15);
+  const SizingProblem problem(surface.dense, surface.strata, surface.lfs, *surface.labels);
+  const auto context = silent_context();
+  SizingOptions options = with(0.4);
+  options.min_edge_mm = 1.0;  // a cap is stronger
+  const auto free = problem.field(options, context).sizing_field;
+  const std::vector<double> none(surface.dense.points.size(), INFINITY);
+  CHECK(problem.field(options, context, none).sizing_field.h_mm == free.h_mm);
+
+  const std::size_t one = surface.dense.points.size() / 2;
+  std::vector<double> cap = none;
+  cap[one] = 0.3;
+  const auto field = problem.field(options, context, cap).sizing_field;
+  CHECK(field.h_mm[one] == 0.3);
+  CHECK(steepest_edge(surface, field.h_mm) <= 0.4 * (1 + 1e-9));
+  for (std::size_t v = 0; v < none.size(); ++v) {
+    const double away = distance(surface.dense.points[v], surface.dense.points[one]);
+    CHECK(field.h_mm[v] <= free.h_mm[v]);
+    // Ways along the edges are up to a fifth longer than straight ones, or half an edge.
+    CHECK(field.h_mm[v] <= 0.3 + 0.4 * (1.2 * away + 0.5));
+    if (away > 16) CHECK(field.h_mm[v] == free.h_mm[v]);
+  }
+  CHECK(compute_sizing_field(surface.dense, surface.strata, surface.lfs, *surface.labels, options,
+                             context, cap)
+            .sizing_field.h_mm == field.h_mm);
+}
+
 TEST_CASE("compute_sizing_field: refuses values out of range and says what to do",
           "[sizing][unit]") {
   const Surface surface = ball(5);

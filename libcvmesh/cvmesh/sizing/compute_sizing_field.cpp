@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/sizing/compute_sizing_field.h"
 
+#include "cvmesh/core/assert.h"
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/sizing/limit_gradation.h"
 #include "cvmesh/sizing/size_rules.h"
@@ -323,12 +324,17 @@ double SizingProblem::expected_vertices(const std::vector<double>& h) const {
   return total;
 }
 
-SizingResult SizingProblem::field(const SizingOptions& options, const StageContext& context) const {
+SizingResult SizingProblem::field(const SizingOptions& options,
+                                  const StageContext& context,
+                                  std::span<const double> cap_mm) const {
+  CVMESH_ASSERT(cap_mm.empty() || cap_mm.size() == dense_.points.size());
   SizingResult result{.sizing_field = {}, .stats = common_};
   SizingField& field = result.sizing_field;
   field.delta = options.delta;
   std::vector<double> h = wanted_size(options);
   result.stats.capped_vertices = apply_room(h);
+  for (std::size_t v = 0; v < cap_mm.size(); ++v)
+    h[v] = std::min(h[v], cap_mm[v]);
   report_progress(context, kStage, 0.6);
 
   limit_along_edges(dense_.points, neighbours_, options.delta, h);
@@ -367,8 +373,9 @@ SizingResult compute_sizing_field(const InterfaceMesh& dense,
                                   std::vector<double> lfs_mm,
                                   const Grid<MaterialId>& labels,
                                   const SizingOptions& options,
-                                  const StageContext& context) {
-  return SizingProblem(dense, strata, std::move(lfs_mm), labels).field(options, context);
+                                  const StageContext& context,
+                                  std::span<const double> cap_mm) {
+  return SizingProblem(dense, strata, std::move(lfs_mm), labels).field(options, context, cap_mm);
 }
 
 }  // namespace cvmesh

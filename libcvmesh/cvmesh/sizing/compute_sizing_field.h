@@ -12,6 +12,7 @@
 #include <cstddef>
 #include <map>
 #include <optional>
+#include <span>
 #include <vector>
 
 namespace cvmesh {
@@ -95,8 +96,12 @@ class SizingProblem {
                 std::vector<double> lfs_mm,
                 const Grid<MaterialId>& labels);
 
+  /// @param cap_mm  what h is at most at each dense vertex, whatever the options say: h grows from
+  ///                there by delta. Infinity where there is no cap; empty for none at all.
   /// @throws Error BadParameter for epsilon, delta or bounds out of range
-  [[nodiscard]] SizingResult field(const SizingOptions& options, const StageContext& context) const;
+  [[nodiscard]] SizingResult field(const SizingOptions& options,
+                                   const StageContext& context,
+                                   std::span<const double> cap_mm = {}) const;
 
   /// About the `expected_vertices` of the field (within 3 % where measured), several times as
   /// fast.
@@ -132,13 +137,14 @@ class SizingProblem {
   std::vector<double> room_mm_;     // at each vertex the largest h that keeps its part meshable
 };
 
-/// The field of one set of options.
+/// The field of one set of options, see `SizingProblem`.
 /// @throws Error BadParameter for epsilon, delta or bounds out of range
 SizingResult compute_sizing_field(const InterfaceMesh& dense,
                                   const Strata& strata,
                                   std::vector<double> lfs_mm,
                                   const Grid<MaterialId>& labels,
                                   const SizingOptions& options,
-                                  const StageContext& context);
+                                  const StageContext& context,
+                                  std::span<const double> cap_mm = {});
 
 }  // namespace cvmesh
