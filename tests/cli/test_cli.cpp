@@ -209,6 +209,35 @@ TEST_CASE("cvmesh mesh: boxes outside the volume are refused, idle ones give a w
   CHECK(counts["interior_points"] > 3 * plain["interior_points"].get<int>());
 }
 
+TEST_CASE("cvmesh mesh: one warning names the labels that are too coarse around", "[cli]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "rod.nii", phantoms::rod(2));
+  const auto mesh = [&](const char* name, const char* epsilon, const char* label_name) {
+    return run_cli::cvmesh({"mesh", (folder / name).string(), "--out", (folder / "out").string(),
+                            "--surface-only", "--set", epsilon, "--set", label_name});
+  };
+  const Outcome fine = mesh("rod.nii", "epsilon=1", "labels.1.name=rod");
+  CHECK(fine.exit_code == 0);
+  CHECK_FALSE(contains(fine.err, "too coarse"));
+  const Outcome coarse = mesh("rod.nii", "epsilon=4", "labels.1.name=rod");
+  INFO(coarse.err);
+  CHECK(coarse.exit_code == 0);
+  CHECK(contains(coarse.err,
+                 " % of label 1 (rod); lower epsilon or set max_edge_mm for them, as "
+                 "in labels.1.epsilon"));
+  const auto labels = read_json(folder / "out/rod.metrics.json")["results"]["labels"];
+  CHECK(labels[0]["share_below_three_facets"] > 0.5);
+
+  write_volume_file(folder / "blobs.nii", phantoms::random_blobs(3, 9));
+  const Outcome many = mesh("blobs.nii", "epsilon=8", "labels.1.name=blob");
+  INFO(many.err);
+  CHECK(many.exit_code == 0);
+  const auto first = many.err.find("too coarse");
+  REQUIRE(first != std::string::npos);
+  CHECK(many.err.find("too coarse", first + 1) == std::string::npos);
+  CHECK(contains(many.err, "more; lower epsilon"));
+}
+
 TEST_CASE("cvmesh mesh: an output folder that cannot be made gives code 6 at once", "[cli]") {
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::ball(6));

@@ -36,6 +36,7 @@ Report small_report() {
       TightenStats{.iterations = 3,
                    .nodes_guarded = 2,
                    .guarded = {{.material = 1, .nodes = 2, .position = {1, 2, 3}}}};
+  report.stages.sizing_field = SizingStats{.share_below_three_facets = {0, 0.25}};
   report.volumes = {{}, {.voxels_mm3 = 42, .mesh_mm3 = 40, .relative_error = -2.0 / 42}};
   report.timings = {{"read", 0.5, 100}};
   report.total_seconds = 0.75;
@@ -80,6 +81,8 @@ TEST_CASE("report_json: one entry per label, dropped ones with their accounting 
   CHECK_FALSE(labels[0].contains("volume"));
   CHECK(labels[1]["name"] == "bone");
   CHECK(labels[1]["volume"]["voxels_mm3"] == 42.0);
+  CHECK(labels[1]["share_below_three_facets"] == 0.25);
+  CHECK_FALSE(labels[0].contains("share_below_three_facets"));
 }
 
 TEST_CASE("report_json: lists every island and hole with its heir and place", "[report][unit]") {

@@ -396,6 +396,23 @@ TEST_CASE("compute_sizing_field: refuses values out of range and says what to do
         std::string::npos);
 }
 
+TEST_CASE("compute_sizing_field: says how much of a boundary has fewer than three facets around",
+          "[sizing][unit]") {
+  const Surface surface = lollipop();
+  const auto fine = surface.size(with(1)).stats.share_below_three_facets;
+  REQUIRE(fine.size() == 3);
+  CHECK(fine[1] < 0.01);
+  CHECK(fine[2] < 0.01);
+  // The stalk would get edges of three radii, the ball has room for twelve vertices in any case.
+  const auto coarse = surface.size(with(3, 1)).stats.share_below_three_facets;
+  CHECK(coarse[1] < 0.05);
+  CHECK(coarse[2] > 0.8);
+  CHECK(coarse[2] <= 1);
+  SizingOptions options = with(3, 1);
+  options.per_material[2].epsilon = 2.0;
+  CHECK(surface.size(options).stats.share_below_three_facets[2] < 0.01);
+}
+
 TEST_CASE("SizingProblem: a field does not depend on those before it", "[sizing][unit]") {
   const Surface surface = lollipop();
   const SizingProblem problem(surface.dense, surface.strata, surface.lfs, *surface.labels);

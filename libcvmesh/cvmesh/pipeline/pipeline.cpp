@@ -290,6 +290,29 @@ MedialAxis medial_axis_of(Run& run,
   return std::move(result.medial_axis);
 }
 
+/// Says which labels have parts with fewer than three facets around, the worst first.
+void warn_of_coarse_parts(const Run& run, const LabelVolume& labels, const SizingStats& stats) {
+  constexpr double kMostShare = 0.01;  ///< less is noise of the local feature size
+  constexpr std::size_t kMostLabels = 5;
+  std::vector<std::pair<double, std::size_t>> coarse;
+  for (std::size_t m = 1; m < stats.share_below_three_facets.size(); ++m)
+    if (stats.share_below_three_facets[m] > kMostShare)
+      coarse.emplace_back(-stats.share_below_three_facets[m], m);
+  if (coarse.empty()) return;
+  std::sort(coarse.begin(), coarse.end());
+  std::vector<std::string> named;
+  for (std::size_t n = 0; n < std::min(coarse.size(), kMostLabels); ++n)
+    named.push_back(fmt::format("{:.1f} % of label {} ({})", -100 * coarse[n].first,
+                                labels.label_of[coarse[n].second],
+                                labels.name_of[coarse[n].second]));
+  if (coarse.size() > kMostLabels)
+    named.push_back(fmt::format("parts of {} more", coarse.size() - kMostLabels));
+  run.context.log->warn(
+      "sizing field: too coarse for three facets around thin parts, by area: {}; lower epsilon or "
+      "set max_edge_mm for them, as in labels.{}.epsilon",
+      fmt::join(named, ", "), labels.label_of[coarse.front().second]);
+}
+
 /// The extent of a box of input voxels in the grid mm of the working grid, which begins with the
 /// same voxel face as the crop, whatever its spacing.
 Box3 box_mm(const VoxelBox& box, const Vec3& input_spacing_mm, const LabelVolume& labels) {
@@ -480,6 +503,7 @@ Sampling sample_surfaces(Run& run,
   const std::optional<std::size_t> target = run.request.parameters.target_vertices;
   Sampling sampling = target ? sampler.sample_to_target(options, *target) : sampler.sample(options);
 
+  warn_of_coarse_parts(run, labels, *run.report.stages.sizing_field);
   run.report.particle_counts =
       count_particles(sampling.particles, dense.mesh, dense.strata, labels.material_count());
   if (run.request.keep_stages) {

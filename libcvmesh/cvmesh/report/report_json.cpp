@@ -54,6 +54,9 @@ void add_entry(Json& object, const char* key, const std::vector<T>& values, std:
 void add_material(const Report& report, std::size_t m, Json& entry) {
   add_entry(entry, "volume", report.volumes, m);
   if (m < report.topology.size()) entry["topology"] = topology_json(report.topology[m]);
+  if (report.stages.sizing_field)
+    add_entry(entry, "share_below_three_facets",
+              report.stages.sizing_field->share_below_three_facets, m);
   if (report.particle_counts) add_entry(entry, "particles", report.particle_counts->of_material, m);
   if (report.mesh) {
     add_entry(entry, "tets", report.mesh->tets_of, m);

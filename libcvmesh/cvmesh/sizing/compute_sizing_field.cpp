@@ -33,6 +33,9 @@ constexpr std::size_t kEstimateNodes = 100'000;
 constexpr double kMinBoundaryVertices = 12;
 constexpr double kMinCurveVertices = 4;
 
+// Edge length over radius of a part with three edges around.
+const double kThreeFacets = 2 * M_PI / 3;
+
 // Area of the hexagon that a vertex owns at spacing h, over h^2.
 const double kHexagon = std::sqrt(3.0) / 2;
 
@@ -283,26 +286,54 @@ void SizingProblem::limit_by_volume(const SizingField& field, std::vector<double
       0, h.size(), [&](std::size_t v) { h[v] = std::min(h[v], field.at(dense_.points[v])); });
 }
 
-// Vertices of a mesh with spacing h. A patch of area A and border L holds A / (hexagon) - L / (2 h)
-// vertices inside (Pick's theorem on the triangular lattice); its border is counted on the curves.
-double SizingProblem::expected_vertices(const std::vector<double>& h) const {
+// The integral over each patch of what `per_area(v)` is at its vertices.
+template <typename PerArea>
+std::vector<double> SizingProblem::integrals(const PerArea& per_area) const {
   // Sums of equal parts of the vertices, then of the parts: the same at any number of threads.
   constexpr std::size_t kChunk = 16384;
-  std::vector<std::vector<double>> sums((h.size() + kChunk - 1) / kChunk);
+  const std::size_t count = lfs_mm_.size();
+  std::vector<std::vector<double>> sums((count + kChunk - 1) / kChunk);
   parallel_for_each_index(
       0, sums.size(),
       [&](std::size_t chunk) {
         sums[chunk].assign(strata_.patches.size(), 0);
-        for (std::size_t v = chunk * kChunk; v < std::min(h.size(), (chunk + 1) * kChunk); ++v)
+        for (std::size_t v = chunk * kChunk; v < std::min(count, (chunk + 1) * kChunk); ++v)
           for (auto s = first_share_[v]; s < first_share_[v + 1]; ++s)
-            sums[chunk][shares_[s].patch] += shares_[s].area_mm2 / (h[v] * h[v]);
+            sums[chunk][shares_[s].patch] += shares_[s].area_mm2 * per_area(v);
       },
       1);
-  std::vector<double> inside(strata_.patches.size(), 0);
+  std::vector<double> result(strata_.patches.size(), 0);
   for (const auto& sum : sums)
-    for (std::size_t patch = 0; patch < inside.size(); ++patch)
-      inside[patch] += sum[patch] / kHexagon;
+    for (std::size_t patch = 0; patch < result.size(); ++patch)
+      result[patch] += sum[patch];
+  return result;
+}
 
+std::vector<double> SizingProblem::share_below_three_facets(const std::vector<double>& h) const {
+  const auto all = integrals([](std::size_t) { return 1.0; });
+  const auto below =
+      integrals([&](std::size_t v) { return h[v] > kThreeFacets * lfs_mm_[v] ? 1.0 : 0.0; });
+  std::vector<double> area, share;
+  for (std::size_t patch = 0; patch < all.size(); ++patch) {
+    const Sides& sides = strata_.patches[patch].sides;
+    if (sides.inside >= area.size()) {
+      area.resize(std::size_t{sides.inside} + 1, 0);
+      share.resize(area.size(), 0);
+    }
+    for (const MaterialId m : {sides.inside, sides.outside}) {
+      area[m] += all[patch];
+      share[m] += below[patch];
+    }
+  }
+  for (std::size_t m = 0; m < share.size(); ++m)
+    share[m] = area[m] > 0 ? share[m] / area[m] : 0;
+  return share;
+}
+
+// Vertices of a mesh with spacing h. A patch of area A and border L holds A / (hexagon) - L / (2 h)
+// vertices inside (Pick's theorem on the triangular lattice); its border is counted on the curves.
+double SizingProblem::expected_vertices(const std::vector<double>& h) const {
+  auto inside = integrals([&](std::size_t v) { return 1 / (kHexagon * h[v] * h[v]); });
   double on_curves = 0;
   for (const auto& curve : strata_.curves) {
     const std::size_t n = curve.vertices.size();
@@ -350,6 +381,7 @@ SizingResult SizingProblem::field(const SizingOptions& options,
   result.stats.h_median_mm = range.median;
   result.stats.h_max_mm = range.max;
   result.stats.expected_vertices = expected_vertices(h);
+  result.stats.share_below_three_facets = share_below_three_facets(h);
   field.lfs_mm = lfs_mm_;
   field.h_mm = std::move(h);
   report_progress(context, kStage, 1);

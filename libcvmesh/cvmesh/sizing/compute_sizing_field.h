@@ -49,6 +49,9 @@ struct SizingStats {
   /// (length over h) and corners.
   double expected_vertices = 0;
   std::size_t capped_vertices = 0;  ///< dense vertices of parts too small for epsilon times LFS
+  /// Per material: the share of its boundary, by area, where h > 2 pi LFS / 3. A part of that
+  /// radius has fewer than three edges around.
+  std::vector<double> share_below_three_facets;
 };
 
 struct SizingResult {
@@ -124,7 +127,10 @@ class SizingProblem {
                                       const SizingOptions& options,
                                       std::size_t max_nodes) const;
   void limit_by_volume(const SizingField& field, std::vector<double>& h) const;
+  template <typename PerArea>
+  [[nodiscard]] std::vector<double> integrals(const PerArea& per_area) const;
   [[nodiscard]] double expected_vertices(const std::vector<double>& h) const;
+  [[nodiscard]] std::vector<double> share_below_three_facets(const std::vector<double>& h) const;
 
   const InterfaceMesh& dense_;
   const Strata& strata_;
