@@ -156,7 +156,7 @@ void count_on_ball() {
     SizingOptions sizing;
     sizing.epsilon = epsilon;
     const SizingResult sized =
-        compute_sizing_field(surfaces.dense, surfaces.strata, lfs, surfaces.level_sets.frame(),
+        compute_sizing_field(surfaces.dense, surfaces.strata, lfs, *surfaces.level_sets.labels,
                              sizing, silent_context());
     const Sheets sheets({surfaces.dense, surfaces.strata, surfaces.level_sets, sized.sizing_field});
     auto seeds = seed_particles(sheets, {}, silent_context());
@@ -196,10 +196,10 @@ void measure_volume(const Options& options) {
   SizingOptions sizing;
   sizing.delta = options.delta;
   sizing.epsilon = options.epsilon;
+  const SizingProblem problem(surfaces.dense, surfaces.strata, lfs, *surfaces.level_sets.labels);
   const auto size = [&](double epsilon) {
     sizing.epsilon = epsilon;
-    return compute_sizing_field(surfaces.dense, surfaces.strata, lfs, labels.frame(), sizing,
-                                context);
+    return problem.field(sizing, context);
   };
   if (options.vertices > 0)
     sizing.epsilon =

@@ -232,6 +232,11 @@ TEST_CASE("parse_parameters: epsilon and target_vertices exclude each other", "[
   CHECK(refusal(R"({"epsilon": 2, "target_vertices": 500})") ==
         "parameters: p.json: epsilon (2) and target_vertices (500) exclude each other; set one of "
         "them to null");
+  CHECK(refusal(R"({"target_tets": 9000, "max_distance_vox": 0.5})") ==
+        "parameters: p.json: target_tets (9000) and max_distance_vox (0.5) exclude each other; set "
+        "one of them to null");
+  CHECK(parse(R"({"max_distance_mm": 0.5})").max_distance_mm == 0.5);
+  CHECK_FALSE(parse(R"({"max_distance_mm": 0.5})", {"target_tets=900"}).max_distance_mm);
   CHECK(parse(R"({"epsilon": null, "target_vertices": 500})").target_vertices == 500U);
   CHECK(parse(R"({"epsilon": 2, "target_vertices": null})").sizing.epsilon == 2);
 }

@@ -236,11 +236,54 @@ TEST_CASE("run_pipeline: target_vertices is met within two percent", "[pipeline]
   const Report report = run_pipeline(request, silent_context()).report;
   REQUIRE(report.stages.epsilon_search);
   CHECK(std::abs(static_cast<double>(report.particle_counts->total) - 400) <= 8);
-  CHECK(report.stages.epsilon_search->particles == report.particle_counts->total);
+  CHECK(report.stages.epsilon_search->target == "target_vertices");
+  CHECK(report.stages.epsilon_search->reached == double(report.particle_counts->total));
   CHECK(report.stages.epsilon_search->epsilon > 0);
   // The first search ends within a quarter of that, on the field that the particles follow.
   REQUIRE(report.stages.epsilon_search->rounds == 1);
   CHECK(std::abs(report.stages.sizing_field->expected_vertices - 400) <= 2);
+}
+
+TEST_CASE("run_pipeline: target_tets is met within five percent", "[pipeline][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(12));
+  RunRequest request = request_for(folder / "a.nii", folder / "out");
+  request.parameters.target_tets = 4000;
+  const Report report = run_pipeline(request, silent_context()).report;
+  REQUIRE(report.stages.epsilon_search);
+  CHECK(report.stages.epsilon_search->target == "target_tets");
+  CHECK(report.stages.epsilon_search->reached == double(report.mesh->tets));
+  CHECK(std::abs(static_cast<double>(report.mesh->tets) - 4000) <= 200);
+  // The numbers of all stages are those of the mesh that was written.
+  CHECK(report.particle_counts->total == report.mesh->surface_vertices);
+
+  request.surface_only = true;
+  CHECK_THROWS_WITH(run_pipeline(request, silent_context()),
+                    Catch::Contains("target_tets (4000)") && Catch::Contains("surface"));
+}
+
+TEST_CASE("run_pipeline: max_distance holds everywhere, in voxels and in mm", "[pipeline][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(14));
+  RunRequest request = request_for(folder / "a.nii", folder / "out");
+  request.surface_only = true;
+  std::size_t vertices = 0;
+  for (const double limit : {0.8, 0.4}) {
+    request.parameters.max_distance_vox = limit;
+    const Report report = run_pipeline(request, silent_context()).report;
+    REQUIRE(report.stages.epsilon_search);
+    CHECK(report.stages.epsilon_search->reached <= limit);
+    CHECK(report.distances->to_dense.overall.voxels.hausdorff_lower_bound() <= limit * 1.02);
+    // Coarser than needed nowhere, but not much finer either: the sagitta is that of the limit.
+    CHECK(report.distances->to_dense.overall.voxels.hausdorff_lower_bound() > limit / 3);
+    CHECK(report.mesh->surface_vertices > vertices);
+    vertices = report.mesh->surface_vertices;
+  }
+  request.parameters.max_distance_vox = {};
+  request.parameters.max_distance_mm = 0.4;
+  const Report in_mm = run_pipeline(request, silent_context()).report;
+  CHECK(in_mm.stages.epsilon_search->target == "max_distance_mm");
+  CHECK(in_mm.distances->to_dense.overall.mm.hausdorff_lower_bound() <= 0.4 * 1.02);
 }
 
 TEST_CASE("run_pipeline: a failed run leaves its failure file only, a success removes it",

@@ -64,7 +64,9 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
       {.key = "epsilon",
        .unit = "edge length / local feature size",
        .doc = "How sparse the mesh is: the surface edges are epsilon times the local feature size. "
-              "Larger is coarser and faster. Excludes target_vertices.",
+              "Larger is coarser and faster. Excludes target_vertices, target_tets, "
+              "max_distance_mm and "
+              "max_distance_vox, which find it.",
        .field = CVMESH_FIELD(sizing.epsilon),
        .min = 0,
        .max = 1000,
@@ -89,6 +91,31 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .field = CVMESH_FIELD(target_vertices),
        .min = 12,
        .max = 1e9,
+       .is_optional = true},
+      {.key = "target_tets",
+       .unit = "tets",
+       .doc = "Wanted number of tets; cvmesh finds the epsilon that gives it within 5 %. Costs "
+              "repetitions of all stages from the particles on. Not with --surface-only.",
+       .field = CVMESH_FIELD(target_tets),
+       .min = 12,
+       .max = 1e9,
+       .is_optional = true},
+      {.key = "max_distance_mm",
+       .unit = "mm",
+       .doc = "Wanted bound of the distance between the final and the dense surface; cvmesh finds "
+              "epsilon and refines where the distance is larger. Costs repetitions of the stages "
+              "from the particles to the flips.",
+       .field = CVMESH_FIELD(max_distance_mm),
+       .min = 0,
+       .max = kMostMm,
+       .min_is_exclusive = true,
+       .is_optional = true},
+      {.key = "max_distance_vox",
+       .unit = "voxels",
+       .doc = "The same in voxels, one being the smallest spacing.",
+       .field = CVMESH_FIELD(max_distance_vox),
+       .min = 0.05,
+       .max = kMostVoxels,
        .is_optional = true},
       {.key = "min_island_voxels",
        .unit = "voxels",
@@ -203,9 +230,9 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .min = 0,
        .max = kMostVoxels},
       {.key = "seeding",
-       .doc =
-           "How the particles start: \"front\" spreads them at the distances of the sizing field by "
-           "an advancing front, \"dense\" uniformly and densely, as in the paper (much slower).",
+       .doc = "How the particles start: \"front\" spreads them at the distances of the sizing "
+              "field by "
+              "an advancing front, \"dense\" uniformly and densely, as in the paper (much slower).",
        .field = CVMESH_FIELD(seed_particles.seeding),
        .choices = kSeedings},
       {.key = "min_component_particles",

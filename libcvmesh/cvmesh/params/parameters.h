@@ -53,6 +53,11 @@ struct Parameters {
   std::uint64_t seed = 1;
   /// Surface vertices wanted; cvmesh then finds the epsilon, and `sizing.epsilon` is not used.
   std::optional<std::size_t> target_vertices;
+  /// Tets wanted, in the same way.
+  std::optional<std::size_t> target_tets;
+  /// The largest distance between the sparse and the dense surface, in the same way; one voxel is
+  /// the smallest spacing of the working grid. At most one of the two.
+  std::optional<double> max_distance_mm, max_distance_vox;
   std::map<Label, LabelParameters> labels;
   std::vector<InterfaceParameters> interfaces;  ///< each pair of labels once
   std::vector<BoxParameters> boxes;             ///< of two values for one place the later one rules

@@ -6,6 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include <array>
 #include <cmath>
 #include <limits>
 #include <type_traits>
@@ -129,17 +130,22 @@ Json parameters_schema() {
   properties["boxes"]["items"] = box;
   properties["comment"] = {{"description", "Ignored; for notes of any type."}};
 
-  const Json both = {
-      {"required", {"epsilon", "target_vertices"}},
-      {"properties",
-       {{"epsilon", {{"type", "number"}}}, {"target_vertices", {{"type", "integer"}}}}}};
+  // How sparse the mesh is, in one way only.
+  const std::array<const char*, 5> scales = {"epsilon", "target_vertices", "target_tets",
+                                             "max_distance_mm", "max_distance_vox"};
+  Json pairs = Json::array();
+  for (std::size_t a = 0; a < scales.size(); ++a)
+    for (std::size_t b = a + 1; b < scales.size(); ++b)
+      pairs.push_back(
+          {{"required", {scales[a], scales[b]}},
+           {"properties", {{scales[a], {{"type", "number"}}}, {scales[b], {{"type", "number"}}}}}});
   return {{"$schema", "https://json-schema.org/draft/2020-12/schema"},
           {"$id", "urn:cvmesh:parameters"},
           {"title", "Parameters of cvmesh"},
           {"type", "object"},
           {"properties", properties},
           {"additionalProperties", false},
-          {"not", both}};
+          {"not", {{"anyOf", pairs}}}};
 }
 
 }  // namespace cvmesh

@@ -341,11 +341,19 @@ bool is_set(const Json& object, const char* key) {
   return object.contains(key) && !object[key].is_null();
 }
 
-void refuse_both_sizes(const Json& object, const std::string& source) {
-  if (is_set(object, "epsilon") && is_set(object, "target_vertices"))
-    refuse(source, fmt::format("epsilon ({}) and target_vertices ({}) exclude each other; set one "
-                               "of them to null",
-                               object["epsilon"].dump(), object["target_vertices"].dump()));
+/// Keys that say how sparse the mesh is, each in its own way: one at a time.
+constexpr std::array<const char*, 5> kScaleKeys = {"epsilon", "target_vertices", "target_tets",
+                                                   "max_distance_mm", "max_distance_vox"};
+
+void refuse_two_scales(const Json& object, const std::string& source) {
+  const char* first = nullptr;
+  for (const char* key : kScaleKeys) {
+    if (!is_set(object, key)) continue;
+    if (first != nullptr)
+      refuse(source, fmt::format("{} ({}) and {} ({}) exclude each other; set one of them to null",
+                                 first, object[first].dump(), key, object[key].dump()));
+    first = key;
+  }
 }
 
 /// The settings "a=1", "labels.2.name=bone" as one JSON object.
@@ -375,8 +383,10 @@ Json parse_settings(const std::vector<std::string>& settings, const std::string&
 
 /// `settings` over `file`: whole keys, except that entries of "labels" are merged key by key.
 Json merged(Json file, const Json& settings) {
-  if (is_set(settings, "epsilon")) file.erase("target_vertices");
-  if (is_set(settings, "target_vertices")) file.erase("epsilon");
+  for (const char* asked : kScaleKeys)
+    if (is_set(settings, asked))
+      for (const char* other : kScaleKeys)
+        if (other != asked) file.erase(other);
   for (const auto& [key, value] : settings.items()) {
     if (key == "labels" && value.is_object() && file.contains(key) && file[key].is_object())
       file[key].merge_patch(value);
@@ -529,8 +539,8 @@ Parameters parse_parameters(const Json& file,
                                type_word(file)));
   const std::string settings_source = "--set";
   const Json overrides = parse_settings(settings, settings_source);
-  refuse_both_sizes(file, source);
-  refuse_both_sizes(overrides, settings_source);
+  refuse_two_scales(file, source);
+  refuse_two_scales(overrides, settings_source);
 
   Parameters parameters;
   const Json all = merged(file, overrides);
@@ -545,7 +555,8 @@ Parameters parse_parameters(const Json& file,
 
 Json parameters_to_json(const Parameters& parameters) {
   Json object = to_json_object(parameter_table(), parameters);
-  if (parameters.target_vertices) object["epsilon"] = nullptr;
+  for (const char* key : kScaleKeys)
+    if (key != kScaleKeys.front() && is_set(object, key)) object[kScaleKeys.front()] = nullptr;
   return object;
 }
 

@@ -13,9 +13,9 @@ namespace cvmesh {
 /// The parameters that a JSON document and single settings ask for, over the defaults.
 ///
 /// Every value is used or refused, none is clamped. The key "comment" is allowed anywhere and
-/// ignored; `null` means "not set" for optional keys. `epsilon` and `target_vertices` exclude each
-/// other inside the file and among the settings; a setting of one of them replaces the file's
-/// other.
+/// ignored; `null` means "not set" for optional keys. `epsilon`, `target_vertices`, `target_tets`,
+/// `max_distance_mm` and `max_distance_vox` exclude each other inside the file and among the
+/// settings; a setting of one of them replaces what the file says.
 ///
 /// @param file      the parameter file's object; an empty object for the defaults
 /// @param source    name of the file in messages

@@ -46,9 +46,12 @@ struct SurfaceSummary {
   std::size_t vertices = 0, facets = 0, patches = 0, curves = 0, corners = 0;
 };
 
-/// How the epsilon of `target_vertices` was found.
+/// How cvmesh found the scale of the sizes itself.
 struct EpsilonSearch {
-  std::size_t target_vertices = 0, particles = 0;
+  std::string target;              ///< the key that asked for it
+  double wanted = 0, reached = 0;  ///< in the unit of the key
+  /// What stands in for the key epsilon; for a distance, the median over the surface of h over the
+  /// local feature size, since h follows the distances there.
   double epsilon = 0;
   int rounds = 0;  ///< times that particles were seeded and distributed
 };

@@ -82,8 +82,9 @@ void to_json(Json& json, const SizingStats& stats) {
 }
 
 void to_json(Json& json, const EpsilonSearch& search) {
-  json = {{"target_vertices", search.target_vertices},
-          {"particles", search.particles},
+  json = {{"target", search.target},
+          {"wanted", search.wanted},
+          {"reached", search.reached},
           {"epsilon", search.epsilon},
           {"rounds", search.rounds}};
 }

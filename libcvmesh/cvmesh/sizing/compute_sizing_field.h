@@ -110,6 +110,8 @@ class SizingProblem {
   /// fast.
   [[nodiscard]] double estimate_vertices(const SizingOptions& options) const;
 
+  [[nodiscard]] const std::vector<double>& lfs_mm() const { return lfs_mm_; }
+
  private:
   // A third of the area of one patch's facets around a vertex.
   struct PatchShare {

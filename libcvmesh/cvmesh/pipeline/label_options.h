@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/labels/label_volume.h"
+#include "cvmesh/levelset/tighten.h"
+#include "cvmesh/pipeline/run.h"
+#include "cvmesh/sizing/compute_sizing_field.h"
+
+/// What the parameter file says of the user's labels, interfaces and boxes of voxels, in the
+/// material ids and grid mm of one run; and the warnings where that has no effect.
+namespace cvmesh {
+
+/// Refuses boxes that reach outside the volume.
+/// @throws Error BadParameter
+void check_boxes(const Run& run);
+
+/// Says which labels have parameters, but are not there to use them.
+void warn_of_absent_labels(const Run& run, const LabelVolume& labels);
+
+/// Says which sizes have no surface to rule.
+void warn_of_idle_sizes(const Run& run,
+                        const LabelVolume& labels,
+                        const Dense& dense,
+                        const SizingOptions& options);
+
+/// Says which labels have parts with fewer than three facets around, the worst first.
+void warn_of_coarse_parts(const Run& run, const LabelVolume& labels, const SizingStats& stats);
+
+TightenOptions tighten_options_of(const Run& run, const LabelVolume& labels);
+SizingOptions sizing_options_of(const Run& run, const LabelVolume& labels);
+
+/// The options with every epsilon multiplied, so that all places keep their ratios.
+SizingOptions scaled(SizingOptions options, double factor);
+
+}  // namespace cvmesh

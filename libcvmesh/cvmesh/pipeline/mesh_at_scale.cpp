@@ -1,0 +1,309 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/pipeline/mesh_at_scale.h"
+
+#include "cvmesh/io/surface_writer.h"
+#include "cvmesh/particles/neighbour_tree.h"
+#include "cvmesh/pipeline/find_epsilon.h"
+#include "cvmesh/pipeline/label_options.h"
+#include "cvmesh/pipeline/stage_names.h"
+#include "cvmesh/pipeline/surface_sampler.h"
+#include "cvmesh/pipeline/write_stages.h"
+#include "cvmesh/surface/measure_deviation.h"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <utility>
+#include <vector>
+
+namespace cvmesh {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+constexpr double kTetTolerance = 0.05;
+constexpr int kTetRounds = 5;
+/// Tets of a graded mesh for each surface vertex, as measured: where the search begins.
+constexpr double kTetsPerVertex = 8.5;
+
+constexpr int kDistanceRounds = 8;
+/// The middle of a triangle with edges h is off a sphere of radius rho by h^2 / (6 rho).
+constexpr double kSagitta = 6;
+constexpr double kLeastEpsilon = 0.05, kMostEpsilon = 5;
+/// Places beyond this part of the limit are refined: the next round's particles lie elsewhere, and
+/// what only just kept the limit may miss it then.
+constexpr double kWatched = 0.85;
+/// They get the edges that would bring them to this part of the limit, but never less than this
+/// part of what they were.
+constexpr double kAim = 0.6, kLeastStep = 0.35;
+/// Over h: how far around such a place the edges become shorter.
+constexpr double kRefinedRadius = 0.7;
+
+/// The surfaces after decimation and flips.
+struct Sparse {
+  InterfaceMesh surface;
+  InterfaceMesh augmented;  ///< dense, with the particles; only where stages are kept
+  Deviation deviation;      ///< only where a limit was given
+};
+
+/// The dense surfaces with the particles as vertices, and nothing but the particles at the end.
+/// @param limit_mm  distances to the dense surface that are looked for; infinity for none
+Sparse sparsen(Run& run,
+               const LabelVolume& labels,
+               const Dense& dense,
+               const ParticleSet& particles,
+               double limit_mm) {
+  const double voxel_mm = labels.frame().voxel_mm();
+  const Parameters& parameters = run.request.parameters;
+  InsertParticlesResult inserted = run.stage.run(
+      stage_names::kInsertion,
+      [&] {
+        return insert_particles(MaterialSurfaces(dense.mesh, labels.material_count()), dense.strata,
+                                particles, voxel_mm, run.context);
+      },
+      [](const InsertParticlesResult& r) {
+        return fmt::format("{} snapped, {} edges and {} facets split", r.stats.snapped,
+                           r.stats.edge_splits, r.stats.facet_splits);
+      });
+  run.report.stages.insertion = inserted.stats;
+  Sparse sparse;
+  if (run.request.keep_stages) sparse.augmented = inserted.surfaces.to_interface_mesh();
+
+  std::vector<bool> keep(inserted.surfaces.points().size(), false);
+  for (const std::int32_t vertex : inserted.vertex_of)
+    keep[static_cast<std::size_t>(vertex)] = true;
+  DecimateResult decimated = run.stage.run(
+      stage_names::kDecimation,
+      [&] {
+        return decimate(std::move(inserted.surfaces), keep, voxel_mm, parameters.decimate,
+                        run.context);
+      },
+      [](const DecimateResult& r) {
+        return fmt::format("{} removed, {} left, {} of them could not go", r.stats.removed,
+                           r.surfaces.vertex_count(), r.stats.kept.size());
+      });
+  run.report.stages.decimation = decimated.stats;
+
+  FlipEdgesResult flipped = run.stage.run(
+      stage_names::kEdgeFlipping,
+      [&] {
+        return flip_edges(std::move(decimated.surfaces), voxel_mm, parameters.flip_edges,
+                          run.context);
+      },
+      [](const FlipEdgesResult& r) {
+        return fmt::format("{} flips in {} passes", r.stats.flips, r.stats.passes);
+      });
+  run.report.stages.edge_flipping = flipped.stats;
+  if (std::isfinite(limit_mm))
+    sparse.deviation = measure_deviation(flipped.surfaces, dense.mesh, limit_mm);
+  sparse.surface = flipped.surfaces.to_interface_mesh();
+  return sparse;
+}
+
+TetMesh fill(Run& run,
+             const LabelVolume& labels,
+             InterfaceMesh surface,
+             const SizingField& sizing_field) {
+  if (run.request.surface_only)
+    return {.points = surface.points, .tets = {}, .material_of = {}, .surface = surface};
+  TetrahedralizeResult filled = run.stage.run(
+      stage_names::kTetrahedra,
+      [&] {
+        return tetrahedralize(surface, labels.material_count(), sizing_field,
+                              run.request.parameters.tetrahedralize, run.context);
+      },
+      [](const TetrahedralizeResult& r) {
+        return fmt::format("{} tets, {} points added, TetGen -{}", r.tets.tets.size(),
+                           r.stats.steiner_points, r.stats.switches);
+      });
+  run.report.stages.tetrahedra = filled.stats;
+  return std::move(filled.tets);
+}
+
+/// Everything that one setting of the sizes leads to.
+struct Round {
+  Sampling sampling;
+  Sparse sparse;
+  TetMesh tets;
+};
+
+/// The mesh of the given sizes.
+Round mesh_once(Run& run, const LabelVolume& labels, const Dense& dense, Sampling sampling) {
+  Round round;
+  round.sparse = sparsen(run, labels, dense, sampling.particles, kInfinity);
+  round.tets = fill(run, labels, round.sparse.surface, sampling.sizing_field);
+  round.sampling = std::move(sampling);
+  return round;
+}
+
+/// The mesh whose tets come nearest to `target`.
+Round mesh_to_tets(Run& run,
+                   const LabelVolume& labels,
+                   const Dense& dense,
+                   const SizingOptions& options,
+                   SurfaceSampler& sampler,
+                   std::size_t target) {
+  const double wanted = static_cast<double>(target);
+  const CountSearchResult first = run.stage.run(
+      stage_names::kSizingField,
+      [&] { return sampler.search_expected(options, wanted / kTetsPerVertex); },
+      [&](const CountSearchResult& r) {
+        return fmt::format("epsilon {:.4g} to begin with for {} tets", r.epsilon, target);
+      });
+  Round best;
+  StageResults best_stages;
+  double best_error = kInfinity;
+  const auto actual = [&](double factor) {
+    Round round = mesh_once(run, labels, dense, sampler.sample(scaled(options, factor)));
+    const double count = static_cast<double>(round.tets.tets.size());
+    const double error = std::abs(count - wanted);
+    if (error < best_error) {
+      best_error = error;
+      best = std::move(round);
+      best_stages = run.report.stages;
+    }
+    return count;
+  };
+  const CountSearchResult found = find_epsilon(actual, {.target = wanted,
+                                                        .start = first.epsilon,
+                                                        .tolerance = kTetTolerance,
+                                                        .max_rounds = kTetRounds});
+  run.report.stages = std::move(best_stages);
+  run.report.stages.epsilon_search = EpsilonSearch{"target_tets", wanted, found.count,
+                                                   options.epsilon * found.epsilon, found.rounds};
+  if (!found.is_reached)
+    run.context.log->warn(
+        "target_tets ({}) was not reached within {:g} %: {:.0f} tets at epsilon {:.4g}; small "
+        "parts "
+        "and edge bounds need theirs, interior_growth and tet_radius_edge_ratio rule the inside",
+        target, 100 * kTetTolerance, found.count, options.epsilon * found.epsilon);
+  return best;
+}
+
+/// The median over the dense vertices; 0 without any.
+double median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Lowers the caps around each of the places.
+void refine(const InterfaceMesh& dense,
+            const SizingField& field,
+            const std::vector<DeviationSpot>& above,
+            double limit_mm,
+            std::vector<double>& cap_mm) {
+  const NeighbourTree tree(dense.points);
+  std::vector<std::int32_t> found;
+  for (const DeviationSpot& spot : above) {
+    tree.nearest(spot.position, 1, found);
+    const double h = field.h_mm[found.front()];
+    // The distance goes with the square of the edges.
+    const double wanted = h * std::max(kLeastStep, std::sqrt(kAim * limit_mm / spot.distance_mm));
+    tree.within(spot.position, kRefinedRadius * h, found);
+    for (const auto v : found)
+      cap_mm[v] = std::min(cap_mm[v], wanted);
+  }
+}
+
+/// The mesh that is nowhere farther from the dense surface than `limit_mm`. The first epsilon is
+/// the one at which half of the surface is expected to keep the limit, were it curved as much as
+/// the local feature size allows; from there on what is measured rules.
+Round mesh_to_distance(Run& run,
+                       const LabelVolume& labels,
+                       const Dense& dense,
+                       const SizingOptions& options,
+                       SurfaceSampler& sampler,
+                       const std::string& key,
+                       double limit_mm,
+                       double unit_mm) {
+  const std::vector<double>& lfs = sampler.lfs_mm();
+  std::vector<double> ratio(lfs.size());
+  for (std::size_t v = 0; v < lfs.size(); ++v)
+    ratio[v] = std::sqrt(kSagitta * limit_mm / std::max(lfs[v], labels.frame().voxel_mm()));
+  const double start = std::clamp(median(std::move(ratio)), kLeastEpsilon, kMostEpsilon);
+  const SizingOptions first = scaled(options, start / options.epsilon);
+
+  Round round;
+  std::vector<double> cap_mm(dense.mesh.points.size(), kInfinity);
+  int rounds = 0;
+  for (;;) {
+    round.sampling = sampler.sample(first, cap_mm);
+    round.sparse = sparsen(run, labels, dense, round.sampling.particles, kWatched * limit_mm);
+    ++rounds;
+    const Deviation& deviation = round.sparse.deviation;
+    run.context.log->info("{}: round {}, at most {:.3g} of {:.3g} mm, {} places to refine", key,
+                          rounds, deviation.max_mm, limit_mm, deviation.above.size());
+    if (deviation.max_mm <= limit_mm || rounds == kDistanceRounds) break;
+    refine(dense.mesh, round.sampling.sizing_field, deviation.above, limit_mm, cap_mm);
+  }
+  const SizingField& field = round.sampling.sizing_field;
+  std::vector<double> epsilon(lfs.size());
+  for (std::size_t v = 0; v < lfs.size(); ++v)
+    epsilon[v] = field.h_mm[v] / lfs[v];
+  const double reached = round.sparse.deviation.max_mm;
+  run.report.stages.epsilon_search =
+      EpsilonSearch{key, limit_mm / unit_mm, reached / unit_mm, median(std::move(epsilon)), rounds};
+  if (reached > limit_mm)
+    run.context.log->warn(
+        "{} ({:g}) was not reached: {:.3g} is left after {} rounds; min_edge_mm or parts finer "
+        "than "
+        "the dense surface may forbid more",
+        key, limit_mm / unit_mm, reached / unit_mm, rounds);
+  round.tets = fill(run, labels, round.sparse.surface, round.sampling.sizing_field);
+  return round;
+}
+
+void write_stages(Run& run, const Dense& dense, const Round& round) {
+  write_sizing_field(run.outputs.add_stage("sizing_field.vtp"), round.sampling.sizing_field,
+                     dense.mesh, run.mm_to_out, run.space);
+  write_particles(run.outputs.add_stage("particles.vtp"), round.sampling.particles, run.mm_to_out,
+                  run.space);
+  write_off(run.outputs.add_stage("augmented.off"), round.sparse.augmented, run.mm_to_out);
+  write_off(run.outputs.add_stage("sparse.off"), round.sparse.surface, run.mm_to_out);
+}
+
+}  // namespace
+
+TetMesh mesh_at_scale(Run& run,
+                      const LabelVolume& labels,
+                      LevelSets level_sets,
+                      const Dense& dense,
+                      MedialAxis medial_axis) {
+  const SizingOptions options = sizing_options_of(run, labels);
+  warn_of_idle_sizes(run, labels, dense, options);
+  const Parameters& parameters = run.request.parameters;
+  std::optional<SurfaceSampler> sampler(std::in_place, run, dense, level_sets,
+                                        std::move(medial_axis));
+  Round round;
+  if (parameters.target_tets) {
+    round = mesh_to_tets(run, labels, dense, options, *sampler, *parameters.target_tets);
+  } else if (parameters.max_distance_mm) {
+    round = mesh_to_distance(run, labels, dense, options, *sampler, "max_distance_mm",
+                             *parameters.max_distance_mm, 1);
+  } else if (parameters.max_distance_vox) {
+    const double voxel_mm = labels.frame().voxel_mm();
+    round = mesh_to_distance(run, labels, dense, options, *sampler, "max_distance_vox",
+                             *parameters.max_distance_vox * voxel_mm, voxel_mm);
+  } else {
+    Sampling sampling = parameters.target_vertices
+                            ? sampler->sample_to_target(options, *parameters.target_vertices)
+                            : sampler->sample(options);
+    // The largest things in memory, and nothing below reads them.
+    sampler.reset();
+    level_sets = {};
+    round = mesh_once(run, labels, dense, std::move(sampling));
+  }
+  warn_of_coarse_parts(run, labels, *run.report.stages.sizing_field);
+  run.report.particle_counts =
+      count_particles(round.sampling.particles, dense.mesh, dense.strata, labels.material_count());
+  if (run.request.keep_stages) write_stages(run, dense, round);
+  return std::move(round.tets);
+}
+
+}  // namespace cvmesh

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/mesh/interface_mesh.h"
+#include "cvmesh/pipeline/output_folder.h"
+#include "cvmesh/pipeline/pipeline.h"
+#include "cvmesh/pipeline/stage_runner.h"
+#include "cvmesh/report/report.h"
+
+namespace cvmesh {
+
+/// Everything the steps of one run share.
+struct Run {
+  const RunRequest& request;
+  const StageContext& context;
+  OutputFolder& outputs;
+  Report& report;
+  StageRunner& stage;
+
+  Affine mm_to_out{};
+  Space space = Space::Unknown;
+};
+
+/// The dense surfaces and what was derived from them.
+struct Dense {
+  InterfaceMesh mesh;
+  Strata strata;
+};
+
+}  // namespace cvmesh

@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/pipeline/surface_sampler.h"
+
+#include "cvmesh/pipeline/label_options.h"
+#include "cvmesh/pipeline/stage_names.h"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
+
+#include <cmath>
+
+namespace cvmesh {
+namespace {
+
+constexpr int kEstimateRounds = 12;  ///< of the search on estimates of the expected vertices
+constexpr int kExpectedRounds = 4;   ///< of the search on sizing fields, where the estimates end
+constexpr int kActualRounds = 6;     ///< of the search on real particles
+constexpr double kTargetTolerance = 0.02;
+
+}  // namespace
+
+SurfaceSampler::SurfaceSampler(Run& run,
+                               const Dense& dense,
+                               const LevelSets& level_sets,
+                               MedialAxis medial_axis)
+    : run_(run), dense_(dense), level_sets_(level_sets), medial_axis_(std::move(medial_axis)) {}
+
+SizingResult SurfaceSampler::size(const SizingOptions& options, std::span<const double> cap_mm) {
+  if (cap_mm.empty() && searched_ && searched_->first == options) {
+    SizingResult result = std::move(searched_->second);
+    searched_.reset();
+    return result;
+  }
+  return problem().field(options, run_.context, cap_mm);
+}
+
+Sampling SurfaceSampler::sample(const SizingOptions& options, std::span<const double> cap_mm) {
+  SizingResult sized = run_.stage.run(
+      stage_names::kSizingField, [&] { return size(options, cap_mm); },
+      [&](const SizingResult& r) {
+        return fmt::format("epsilon {:.4g}, edges {:.3g} to {:.3g} mm, {:.0f} vertices expected",
+                           options.epsilon, r.stats.h_min_mm, r.stats.h_max_mm,
+                           r.stats.expected_vertices);
+      });
+  std::optional<Sheets> sheets;
+  const Parameters& parameters = run_.request.parameters;
+  SeedParticlesResult seeded = run_.stage.run(
+      stage_names::kSeedParticles,
+      [&] {
+        sheets.emplace(ParticleDomain{dense_.mesh, dense_.strata, level_sets_, sized.sizing_field});
+        return seed_particles(*sheets, parameters.seed_particles, run_.context);
+      },
+      [](const SeedParticlesResult& r) {
+        return fmt::format("{} corners, {} on curves, {} on interfaces", r.stats.corners,
+                           r.stats.curve_particles, r.stats.interface_particles);
+      });
+  DistributeParticlesResult distributed = run_.stage.run(
+      stage_names::kParticles,
+      [&] {
+        return distribute_particles(std::move(seeded.particles), *sheets,
+                                    parameters.distribute_particles, run_.context);
+      },
+      [](const DistributeParticlesResult& r) {
+        return fmt::format("{} particles, {} sweeps", r.particles.particles.size(), r.stats.sweeps);
+      });
+  StageResults& stages = run_.report.stages;
+  stages.sizing_field = sized.stats;
+  stages.seed_particles = seeded.stats;
+  stages.particles = distributed.stats;
+  return {std::move(sized.sizing_field), std::move(distributed.particles)};
+}
+
+Sampling SurfaceSampler::sample_to_target(const SizingOptions& options, std::size_t target) {
+  const double wanted = static_cast<double>(target);
+  const CountSearchResult first = run_.stage.run(
+      stage_names::kSizingField, [&] { return search_expected(options, wanted); },
+      [&](const CountSearchResult& r) {
+        return fmt::format("epsilon {:.4g} is expected to give {:.0f} of {} vertices", r.epsilon,
+                           r.count, target);
+      });
+
+  Sampling best;
+  StageResults best_stages;
+  double best_error = -1;
+  const auto actual = [&](double factor) {
+    Sampling sampling = sample(scaled(options, factor));
+    const double count = static_cast<double>(sampling.particles.particles.size());
+    const double error = std::abs(count - wanted);
+    if (best_error < 0 || error < best_error) {
+      best_error = error;
+      best = std::move(sampling);
+      best_stages = run_.report.stages;
+    }
+    return count;
+  };
+  const CountSearchResult found = find_epsilon(actual, {.target = wanted,
+                                                        .start = first.epsilon,
+                                                        .tolerance = kTargetTolerance,
+                                                        .max_rounds = kActualRounds});
+  run_.report.stages = std::move(best_stages);
+  run_.report.stages.epsilon_search = EpsilonSearch{"target_vertices", wanted, found.count,
+                                                    options.epsilon * found.epsilon, found.rounds};
+  if (!found.is_reached)
+    run_.context.log->warn(
+        "target_vertices ({}) was not reached within {:g} %: {:.0f} surface vertices at epsilon "
+        "{:.4g}; curves, corners and small parts need theirs, and edge bounds may forbid more",
+        target, 100 * kTargetTolerance, found.count, options.epsilon * found.epsilon);
+  return best;
+}
+
+// What does not depend on the options is found by the first call.
+const SizingProblem& SurfaceSampler::problem() {
+  if (!problem_) {
+    problem_.emplace(dense_.mesh, dense_.strata,
+                     local_feature_size(dense_.mesh, dense_.strata, medial_axis_,
+                                        level_sets_.frame().voxel_mm(), run_.context),
+                     *level_sets_.labels);
+    medial_axis_ = {};
+  }
+  return *problem_;
+}
+
+CountSearchResult SurfaceSampler::search_expected(const SizingOptions& options, double wanted) {
+  const auto estimate = [&](double factor) {
+    const double count = problem().estimate_vertices(scaled(options, factor));
+    report_progress(run_.context, stage_names::kSizingField, 0.5);
+    return count;
+  };
+  const auto expected = [&](double factor) {
+    StageContext context = run_.context;
+    context.progress = nullptr;  // it would begin anew with every field
+    const SizingOptions tried = scaled(options, factor);
+    searched_.emplace(tried, problem().field(tried, context));
+    return searched_->second.stats.expected_vertices;
+  };
+  constexpr double kTolerance = kTargetTolerance / 4;
+  const CountSearchResult near = find_epsilon(
+      estimate, {.target = wanted, .tolerance = kTolerance / 2, .max_rounds = kEstimateRounds});
+  return find_epsilon(expected, {.target = wanted,
+                                 .start = near.epsilon,
+                                 .slope = near.slope,
+                                 .tolerance = kTolerance,
+                                 .max_rounds = kExpectedRounds});
+}
+
+}  // namespace cvmesh
