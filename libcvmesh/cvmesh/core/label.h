@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include <compare>
 #include <cstdint>
 
 namespace cvmesh {

@@ -7,9 +7,8 @@ namespace cvmesh {
 
 namespace {
 
-/// A field of `Parameters` as the function that finds it.
-#define CVMESH_FIELD(member) [](Parameters& p) -> ParameterField { return &p.member; }
-#define CVMESH_FIELD_OF(Owner, member) [](Owner& p) -> ParameterField { return &p.member; }
+/// A field of a struct as the function that finds it.
+#define CVMESH_FIELD(member) [](auto& p) -> ParameterField { return &p.member; }
 
 /// Names of the enumerators, in their order.
 constexpr std::string_view kSeedings[] = {"front", "dense"};
@@ -41,13 +40,13 @@ void add_size_rows(std::string_view epsilon_doc,
   table.push_back({.key = "epsilon",
                    .unit = "edge length / local feature size",
                    .doc = epsilon_doc,
-                   .field = CVMESH_FIELD_OF(Owner, epsilon),
+                   .field = CVMESH_FIELD(epsilon),
                    .min = 0,
                    .max = 1000,
                    .min_is_exclusive = true,
                    .is_optional = true});
-  table.push_back(length("min_edge_mm", min_doc, CVMESH_FIELD_OF(Owner, min_edge_mm)));
-  table.push_back(length("max_edge_mm", max_doc, CVMESH_FIELD_OF(Owner, max_edge_mm)));
+  table.push_back(length("min_edge_mm", min_doc, CVMESH_FIELD(min_edge_mm)));
+  table.push_back(length("max_edge_mm", max_doc, CVMESH_FIELD(max_edge_mm)));
 }
 
 }  // namespace
@@ -310,13 +309,13 @@ const std::vector<ParameterInfo<LabelParameters>>& label_parameter_table() {
     std::vector<ParameterInfo<LabelParameters>> rows = {
         {.key = "name",
          .doc = "Name of the label in files and reports.",
-         .field = CVMESH_FIELD_OF(LabelParameters, name),
+         .field = CVMESH_FIELD(name),
          .is_optional = true},
         {.key = "r",
          .unit = "voxels",
          .doc = "As the global key, on the boundary of this label; where labels meet the smaller "
                 "radius rules.",
-         .field = CVMESH_FIELD_OF(LabelParameters, r),
+         .field = CVMESH_FIELD(r),
          .min = 0,
          .max = 20,
          .is_optional = true}};
@@ -335,7 +334,7 @@ const std::vector<ParameterInfo<InterfaceParameters>>& interface_parameter_table
     std::vector<ParameterInfo<InterfaceParameters>> rows = {
         {.key = "labels",
          .doc = "The two labels that meet there, in any order; 0 is the exterior.",
-         .field = CVMESH_FIELD_OF(InterfaceParameters, labels),
+         .field = CVMESH_FIELD(labels),
          .is_required = true}};
     add_size_rows("As the global key, on this interface; at its ends the smaller size rules.",
                   "As the global key, on this interface.", "As the global key, on this interface.",
@@ -351,7 +350,7 @@ const std::vector<ParameterInfo<BoxParameters>>& box_parameter_table() {
         {.key = "box",
          .unit = "voxels",
          .doc = "First and last voxel of the box, [i0, j0, k0, i1, j1, k1], both included.",
-         .field = CVMESH_FIELD_OF(BoxParameters, box),
+         .field = CVMESH_FIELD(box),
          .is_required = true}};
     add_size_rows("As the global key, on the surfaces in this box.",
                   "As the global key, on the surfaces in this box.",

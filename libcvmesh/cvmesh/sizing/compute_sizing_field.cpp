@@ -34,7 +34,7 @@ constexpr double kMinBoundaryVertices = 12;
 constexpr double kMinCurveVertices = 4;
 
 // Edge length over radius of a part with three edges around.
-const double kThreeFacets = 2 * M_PI / 3;
+constexpr double kThreeFacets = 2 * M_PI / 3;
 
 // Area of the hexagon that a vertex owns at spacing h, over h^2.
 const double kHexagon = std::sqrt(3.0) / 2;
