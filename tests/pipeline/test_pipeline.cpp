@@ -151,7 +151,7 @@ TEST_CASE("run_pipeline: thick slices on a finer working grid stay where they ar
   write_volume_file(folder / "a.nii", volume);
 
   RunRequest request = request_for(folder / "a.nii", folder / "out");
-  request.parameters.sizing.epsilon = 0.4;
+  request.parameters.sizing.epsilon = 0.25;
   request.parameters.grid_spacing_mm = GridSpacing{.is_auto = true};
   const Report report = run_pipeline(request, silent_context()).report;
   REQUIRE(report.stages.resampling);

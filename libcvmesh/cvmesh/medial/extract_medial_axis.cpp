@@ -37,6 +37,11 @@ constexpr double kWedgeOffsetVox = 0.5;
 // How far the centre of the touching ball may lie from the bisector point of a pair, in voxels: the
 // pair's own resolution. Farther off, the normals are not to be trusted.
 constexpr double kMaxCentreShiftVox = 1.5;
+// Pairs of shorter chords may be two sites on one small bump. A branch of the axis is a row of
+// points; one that has no other within reach is a bump. (A ball of radius 6 had such points half
+// way to its surface.)
+constexpr double kCertainChordVox = 2.2;
+constexpr double kCompanyReachVox = 1.5;
 
 using Triple = std::array<MaterialId, 3>;
 
@@ -91,6 +96,7 @@ class JunctionCurves {
 // What one slice of the volume contributes.
 struct Found {
   MedialAxis axis;
+  std::vector<bool> is_certain;
   std::size_t tested = 0, dropped = 0;
 };
 
@@ -123,6 +129,7 @@ class PairTest {
       return;
     }
     found.axis.points.push_back(ball_centre(bisector, fp, fq, np, nq));
+    found.is_certain.push_back(is_opposed || chord_vox > kCertainChordVox);
     found.axis.radius_mm.push_back(distance(bisector, fp));
     found.axis.material_of.push_back(m);
   }
@@ -237,6 +244,39 @@ void find_on_lines(const LevelSets& level_sets,
     }
 }
 
+// Which points to keep: the certain ones, and the others that have company of their material.
+std::vector<bool> find_supported(const MedialAxis& axis,
+                                 const std::vector<bool>& is_certain,
+                                 double reach_mm) {
+  std::vector<bool> is_kept = is_certain;
+  if (std::find(is_certain.begin(), is_certain.end(), false) == is_certain.end()) return is_kept;
+  const PointTree tree(axis.points);
+  std::vector<std::uint8_t> has_company(axis.points.size(), 0);
+  parallel_for_each_index(0, axis.points.size(), [&](std::size_t n) {
+    if (is_certain[n]) return;
+    const auto hit = tree.nearest_if(axis.points[n], reach_mm, [&](std::int32_t other) {
+      return static_cast<std::size_t>(other) != n && axis.material_of[other] == axis.material_of[n];
+    });
+    has_company[n] = hit.index >= 0;
+  });
+  for (std::size_t n = 0; n < is_kept.size(); ++n)
+    is_kept[n] = is_kept[n] || has_company[n] != 0;
+  return is_kept;
+}
+
+void keep_only(const std::vector<bool>& is_kept, MedialAxis& axis) {
+  std::size_t kept = 0;
+  for (std::size_t n = 0; n < is_kept.size(); ++n) {
+    if (!is_kept[n]) continue;
+    axis.points[kept] = axis.points[n];
+    axis.radius_mm[kept] = axis.radius_mm[n];
+    axis.material_of[kept++] = axis.material_of[n];
+  }
+  axis.points.resize(kept);
+  axis.radius_mm.resize(kept);
+  axis.material_of.resize(kept);
+}
+
 void append(MedialAxis& axis, MedialAxis&& part) {
   axis.points.insert(axis.points.end(), part.points.begin(), part.points.end());
   axis.radius_mm.insert(axis.radius_mm.end(), part.radius_mm.begin(), part.radius_mm.end());
@@ -288,12 +328,16 @@ MedialAxisResult extract_medial_axis(const LevelSets& level_sets,
 
   MedialAxisResult result;
   result.stats.sites = sites.sites.size();
+  std::vector<bool> is_certain;
   for (auto& part : found) {
     result.stats.pairs_tested += part.tested;
     result.stats.pairs_dropped_at_curves += part.dropped;
     append(result.medial_axis, std::move(part.axis));
+    is_certain.insert(is_certain.end(), part.is_certain.begin(), part.is_certain.end());
     part = {};
   }
+  keep_only(find_supported(result.medial_axis, is_certain, kCompanyReachVox * frame.voxel_mm()),
+            result.medial_axis);
   result.stats.pairs_kept = result.medial_axis.points.size();
   report_progress(context, kStage, 1);
   return result;

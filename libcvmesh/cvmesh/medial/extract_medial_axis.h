@@ -11,7 +11,7 @@
 namespace cvmesh {
 
 struct MedialAxisOptions {
-  double min_chord_vox = 3.0;          ///< pairs of sites closer than this are noise
+  double min_chord_vox = 2.0;          ///< pairs of sites closer than this are noise
   double min_chord_ratio = 0.7;        ///< linear pruning: chord over ||(p - fp) + (q - fq)||
   double min_opposed_chord_vox = 0.5;  ///< for opposed walls (normals more than 120 degrees apart)
 };
