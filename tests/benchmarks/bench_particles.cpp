@@ -232,12 +232,12 @@ void measure_volume(const Options& options) {
   row["edge_over_h_sd"] = result.stats.edge_over_h_sd;
   row["nearest_over_h_mean"] = result.stats.nearest_over_h_mean;
   row["six_neighbour_share"] = result.stats.six_neighbour_share;
+  row["thinning_rounds"] = result.stats.thinning_rounds;
   row["loop_guards"] = result.stats.loop_guards;
   row["guards"] =
       std::count_if(result.particles.particles.begin(), result.particles.particles.end(),
                     [](const Particle& p) { return p.origin == ParticleOrigin::Guard; });
   row["split"] = result.stats.split;
-  row["loop_guards"] = result.stats.loop_guards;
   row["on_dense_facet"] = result.stats.on_dense_facet;
   row["energy"] = result.stats.energy;
   if (options.is_sparse) {

@@ -379,6 +379,9 @@ class Cells {
   // One vertex for each cell, or pair of cells, with a loop: of the edges that show it, the end
   // farthest from its particle.
   [[nodiscard]] std::vector<std::int32_t> vertices_for_loops() const {
+    std::vector<bool> is_on_rim(graph_.vertices.size(), false);
+    for (const Edge& e : graph_.edges)
+      if (e.facet[1] < 0) is_on_rim[e.a] = is_on_rim[e.b] = true;
     std::map<std::pair<std::int32_t, std::int32_t>, std::uint64_t> word_between;
     std::map<std::pair<std::int32_t, std::int32_t>, std::int32_t> missing;
     for (const Edge& e : graph_.edges) {
@@ -387,7 +390,10 @@ class Cells {
       // The way from a cell to itself without leaving it has no word.
       const auto first = word_between.try_emplace(cells, cells.first == cells.second ? 0 : word);
       if (first.first->second == word) continue;
-      const auto far = distance_[e.a] >= distance_[e.b] ? e.a : e.b;
+      // The rim has its own particles, which are not for the sheet to add.
+      if (is_on_rim[e.a] && is_on_rim[e.b]) continue;
+      const bool takes_a = is_on_rim[e.b] || (!is_on_rim[e.a] && distance_[e.a] >= distance_[e.b]);
+      const auto far = takes_a ? e.a : e.b;
       const auto [at, is_new] = missing.try_emplace(cells, far);
       if (!is_new && distance_[far] > distance_[at->second]) at->second = far;
     }
