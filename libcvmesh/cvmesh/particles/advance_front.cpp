@@ -26,7 +26,8 @@ constexpr double kFitDamping = 0.2, kLongestFit = 0.3;  // the step over h
 constexpr double kLongestStretch = 1.3;  // of a step that the curved surface shortens
 // The mean h of two points this near is less than this over the h of one.
 constexpr double kLargestMean = 1.5;
-// Points this near have at least this part of one's own h, by the slope of the sizing field.
+// Points this near have at least this part of one's own h, by the slope of the sizing field (up to
+// delta 0.8; where it is larger, a point that was missed is deleted as coincident later).
 constexpr double kLeastSize = 0.4;
 
 class Front {
