@@ -244,17 +244,22 @@ void find_on_lines(const LevelSets& level_sets,
     }
 }
 
-// Which points to keep: the certain ones, and the others that have company of their material.
+// Which points to keep: the certain ones, and the others that have company of their material. Near
+// is meant in voxels, as chords are: between thick slices the points of a branch are far apart.
 std::vector<bool> find_supported(const MedialAxis& axis,
                                  const std::vector<bool>& is_certain,
-                                 double reach_mm) {
+                                 const Vec3& spacing_mm) {
   std::vector<bool> is_kept = is_certain;
   if (std::find(is_certain.begin(), is_certain.end(), false) == is_certain.end()) return is_kept;
-  const PointTree tree(axis.points);
+  std::vector<Vec3> in_voxels;
+  in_voxels.reserve(axis.points.size());
+  for (const Vec3& p : axis.points)
+    in_voxels.push_back(divided_by(p, spacing_mm));
+  const PointTree tree(std::move(in_voxels));
   std::vector<std::uint8_t> has_company(axis.points.size(), 0);
   parallel_for_each_index(0, axis.points.size(), [&](std::size_t n) {
     if (is_certain[n]) return;
-    const auto hit = tree.nearest_if(axis.points[n], reach_mm, [&](std::int32_t other) {
+    const auto hit = tree.nearest_if(tree.points()[n], kCompanyReachVox, [&](std::int32_t other) {
       return static_cast<std::size_t>(other) != n && axis.material_of[other] == axis.material_of[n];
     });
     has_company[n] = hit.index >= 0;
@@ -336,8 +341,7 @@ MedialAxisResult extract_medial_axis(const LevelSets& level_sets,
     is_certain.insert(is_certain.end(), part.is_certain.begin(), part.is_certain.end());
     part = {};
   }
-  keep_only(find_supported(result.medial_axis, is_certain, kCompanyReachVox * frame.voxel_mm()),
-            result.medial_axis);
+  keep_only(find_supported(result.medial_axis, is_certain, frame.spacing_mm), result.medial_axis);
   result.stats.pairs_kept = result.medial_axis.points.size();
   report_progress(context, kStage, 1);
   return result;

@@ -39,6 +39,9 @@ struct MedialAxisResult {
 /// reaches the curve, and the feature size would be zero there); and the point is the centre of the
 /// ball that touches both walls instead of a voxel centre.
 ///
+/// Pairs of the shortest chords count only where another point of the axis is within reach: two
+/// sites on one bump make a point that stands alone.
+///
 /// `dense` and `strata` are the dense surfaces of `level_sets`; only their junction curves are
 /// used. Linear in the number of voxels; 4 bytes per voxel and 28 per site while it runs.
 MedialAxisResult extract_medial_axis(const LevelSets& level_sets,
