@@ -284,6 +284,13 @@ TEST_CASE("run_pipeline: max_distance holds everywhere, in voxels and in mm", "[
   const Report in_mm = run_pipeline(request, silent_context()).report;
   CHECK(in_mm.stages.epsilon_search->target == "max_distance_mm");
   CHECK(in_mm.distances->to_dense.overall.mm.hausdorff_lower_bound() <= 0.4 * 1.02);
+
+  // The edges that the user forbids stay forbidden, and the report says what is left.
+  request.parameters.max_distance_mm = 0.1;
+  request.parameters.sizing.min_edge_mm = 4;
+  const Report coarse = run_pipeline(request, silent_context()).report;
+  CHECK(coarse.stages.sizing_field->h_min_mm >= 4 - 1e-6);
+  CHECK(coarse.stages.epsilon_search->reached > coarse.stages.epsilon_search->wanted);
 }
 
 TEST_CASE("run_pipeline: a failed run leaves its failure file only, a success removes it",

@@ -99,7 +99,13 @@ Sparse sparsen(Run& run,
       });
   run.report.stages.edge_flipping = flipped.stats;
   if (std::isfinite(limit_mm))
-    sparse.deviation = measure_deviation(flipped.surfaces, dense.mesh, limit_mm);
+    sparse.deviation = run.stage.run(
+        stage_names::kMetrics,
+        [&] { return measure_deviation(flipped.surfaces, dense.mesh, limit_mm); },
+        [](const Deviation& d) {
+          return fmt::format("at most {:.3g} mm from the dense surface, {} places to refine",
+                             d.max_mm, d.above.size());
+        });
   sparse.surface = flipped.surfaces.to_interface_mesh();
   return sparse;
 }
@@ -178,8 +184,8 @@ Round mesh_to_tets(Run& run,
   if (!found.is_reached)
     run.context.log->warn(
         "target_tets ({}) was not reached within {:g} %: {:.0f} tets at epsilon {:.4g}; small "
-        "parts "
-        "and edge bounds need theirs, interior_growth and tet_radius_edge_ratio rule the inside",
+        "parts and edge bounds need theirs, interior_growth and tet_radius_edge_ratio rule the "
+        "inside",
         target, 100 * kTetTolerance, found.count, options.epsilon * found.epsilon);
   return best;
 }
@@ -192,11 +198,12 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-/// Lowers the caps around each of the places.
+/// Lowers the caps around each of the places, but not below the edges that the user allows.
 void refine(const InterfaceMesh& dense,
             const SizingField& field,
             const std::vector<DeviationSpot>& above,
             double limit_mm,
+            double least_edge_mm,
             std::vector<double>& cap_mm) {
   const NeighbourTree tree(dense.points);
   std::vector<std::int32_t> found;
@@ -204,7 +211,8 @@ void refine(const InterfaceMesh& dense,
     tree.nearest(spot.position, 1, found);
     const double h = field.h_mm[found.front()];
     // The distance goes with the square of the edges.
-    const double wanted = h * std::max(kLeastStep, std::sqrt(kAim * limit_mm / spot.distance_mm));
+    const double wanted = std::max(
+        least_edge_mm, h * std::max(kLeastStep, std::sqrt(kAim * limit_mm / spot.distance_mm)));
     tree.within(spot.position, kRefinedRadius * h, found);
     for (const auto v : found)
       cap_mm[v] = std::min(cap_mm[v], wanted);
@@ -237,10 +245,9 @@ Round mesh_to_distance(Run& run,
     round.sparse = sparsen(run, labels, dense, round.sampling.particles, kWatched * limit_mm);
     ++rounds;
     const Deviation& deviation = round.sparse.deviation;
-    run.context.log->info("{}: round {}, at most {:.3g} of {:.3g} mm, {} places to refine", key,
-                          rounds, deviation.max_mm, limit_mm, deviation.above.size());
     if (deviation.max_mm <= limit_mm || rounds == kDistanceRounds) break;
-    refine(dense.mesh, round.sampling.sizing_field, deviation.above, limit_mm, cap_mm);
+    refine(dense.mesh, round.sampling.sizing_field, deviation.above, limit_mm,
+           options.min_edge_mm.value_or(0), cap_mm);
   }
   const SizingField& field = round.sampling.sizing_field;
   std::vector<double> epsilon(lfs.size());
@@ -251,9 +258,8 @@ Round mesh_to_distance(Run& run,
       EpsilonSearch{key, limit_mm / unit_mm, reached / unit_mm, median(std::move(epsilon)), rounds};
   if (reached > limit_mm)
     run.context.log->warn(
-        "{} ({:g}) was not reached: {:.3g} is left after {} rounds; min_edge_mm or parts finer "
-        "than "
-        "the dense surface may forbid more",
+        "{} ({:g}) was not reached: {:.3g} is left after {} rounds; min_edge_mm, or parts "
+        "finer than the dense surface, may forbid more; raise it or lower min_edge_mm",
         key, limit_mm / unit_mm, reached / unit_mm, rounds);
   round.tets = fill(run, labels, round.sparse.surface, round.sampling.sizing_field);
   return round;
