@@ -57,7 +57,7 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
                    {"labels": [-7, 2], "min_edge_mm": 0.5, "max_edge_mm": 2}],
     "boxes": [{"box": [1, 2, 3, 4, 5, 6], "epsilon": 0.5, "comment": 1},
               {"box": [0, 0, 0, 0, 0, 0], "max_edge_mm": 2}],
-    "grid_spacing_mm": "auto", "min_edge_mm": 0.5, "max_edge_mm": null, "seeding": "dense", "particle_sweeps": 4e1,
+    "grid_spacing_mm": "auto", "min_edge_mm": 0.5, "max_edge_mm": null, "seeding": "dense", "target_sizes": "feature_size", "particle_sweeps": 4e1,
     "deviation_vox": 0.5, "on_degenerate": "fail", "flip_passes": 3, "interior_growth": 0,
     "tetgen_memory_limit_mb": 512})");
   CHECK(p.tighten.r_vox == 0.5);
@@ -91,6 +91,7 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
   CHECK(p.sizing.min_edge_mm == 0.5);
   CHECK_FALSE(p.sizing.max_edge_mm);
   CHECK(p.seed_particles.seeding == Seeding::Dense);
+  CHECK(p.target_sizes == TargetSizes::FeatureSize);
   CHECK(p.distribute_particles.max_sweeps == 40);
   CHECK(p.decimate.deviation_vox == 0.5);
   CHECK(p.flip_edges.deviation_vox == 0.5);

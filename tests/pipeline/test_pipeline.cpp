@@ -244,6 +244,33 @@ TEST_CASE("run_pipeline: target_vertices is met within two percent", "[pipeline]
   CHECK(std::abs(report.stages.sizing_field->expected_vertices - 400) <= 2);
 }
 
+TEST_CASE("run_pipeline: a wanted number of vertices goes where it lowers the distance",
+          "[pipeline][unit]") {
+  // a large ball and a small one: the local feature size gives both as many vertices, though the
+  // large one has most of the surface
+  const test_data::TemporaryFolder folder;
+  write_volume_file(
+      folder / "a.nii",
+      phantoms::sample(phantoms::centred_frame({63, 45, 45}), [](const Vec3& p) -> Label {
+        return distance(p, {-9, 0, 0}) < 18 ? 1 : distance(p, {20, 0, 0}) < 6 ? 2 : 0;
+      }));
+  std::map<TargetSizes, Report> reports;
+  for (const auto sizes : {TargetSizes::Deviation, TargetSizes::FeatureSize}) {
+    RunRequest request = request_for(folder / "a.nii", folder / "out");
+    request.surface_only = true;
+    request.parameters.target_vertices = 500;
+    request.parameters.target_sizes = sizes;
+    reports[sizes] = run_pipeline(request, silent_context()).report;
+    CHECK(std::abs(static_cast<double>(reports[sizes].particle_counts->total) - 500) <= 10);
+  }
+  const auto mean = [&](TargetSizes sizes) {
+    return reports[sizes].distances->to_dense.overall.voxels.mean_symmetric();
+  };
+  CHECK(mean(TargetSizes::Deviation) < 0.8 * mean(TargetSizes::FeatureSize));
+  // with the feature size, the number found is the epsilon to give next time
+  CHECK(reports[TargetSizes::FeatureSize].stages.epsilon_search->epsilon > 0.3);
+}
+
 TEST_CASE("run_pipeline: target_tets is met within five percent", "[pipeline][unit]") {
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::ball(12));

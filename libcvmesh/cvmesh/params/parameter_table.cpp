@@ -12,6 +12,7 @@ namespace {
 
 /// Names of the enumerators, in their order.
 constexpr std::string_view kSeedings[] = {"front", "dense"};
+constexpr std::string_view kTargetSizes[] = {"deviation", "feature_size"};
 constexpr std::string_view kOnDegenerate[] = {"keep", "fail"};
 
 /// Integers up to here survive every JSON reader (2^53).
@@ -99,6 +100,13 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .min = 12,
        .max = 1e9,
        .is_optional = true},
+      {.key = "target_sizes",
+       .doc =
+           "Where a wanted number of vertices or tets goes: \"deviation\" puts them where they "
+           "bring the facets nearest to the surface, \"feature_size\" makes the edges a multiple "
+           "of the local feature size, as a given epsilon does.",
+       .field = CVMESH_FIELD(target_sizes),
+       .choices = kTargetSizes},
       {.key = "max_distance_mm",
        .unit = "mm",
        .doc = "Wanted bound of the distance between the final and the dense surface; cvmesh finds "

@@ -46,6 +46,12 @@ struct BoxParameters {
   std::optional<double> epsilon{}, min_edge_mm{}, max_edge_mm{};
 };
 
+/// What decides where a wanted number of vertices or tets goes.
+enum class TargetSizes {
+  Deviation,    ///< where it brings the facets nearest to the surface, see `size_by_deviation`
+  FeatureSize,  ///< in proportion to the local feature size, as with a given epsilon
+};
+
 /// Everything that decides a mesh besides the label volume: the options of all stages, whose
 /// defaults are the defaults of the parameter file. The JSON keys are listed in
 /// `parameter_table()`; labels are the user's values here, material ids only inside a run.
@@ -55,6 +61,7 @@ struct Parameters {
   std::optional<std::size_t> target_vertices;
   /// Tets wanted, in the same way.
   std::optional<std::size_t> target_tets;
+  TargetSizes target_sizes = TargetSizes::Deviation;  ///< of these two
   /// The largest distance between the sparse and the dense surface, in the same way; one voxel is
   /// the smallest spacing of the working grid. At most one of the two.
   std::optional<double> max_distance_mm, max_distance_vox;

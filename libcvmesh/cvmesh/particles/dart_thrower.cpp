@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/particles/dart_thrower.h"
 
-#include "cvmesh/particles/neighbour_tree.h"
+#include "cvmesh/mesh/neighbour_tree.h"
 
 #include <algorithm>
 #include <cmath>

@@ -3,7 +3,7 @@
 
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
-#include "cvmesh/particles/neighbour_tree.h"
+#include "cvmesh/mesh/neighbour_tree.h"
 #include "cvmesh/particles/particle_energy.h"
 #include "cvmesh/particles/sheets.h"
 #include "cvmesh/particles/short_loops.h"

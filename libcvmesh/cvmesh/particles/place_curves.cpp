@@ -2,7 +2,7 @@
 #include "cvmesh/particles/place_curves.h"
 
 #include "cvmesh/core/parallel.h"
-#include "cvmesh/particles/neighbour_tree.h"
+#include "cvmesh/mesh/neighbour_tree.h"
 #include "cvmesh/particles/sheets.h"
 
 #include <algorithm>

@@ -2,7 +2,7 @@
 #include "cvmesh/pipeline/mesh_at_scale.h"
 
 #include "cvmesh/io/surface_writer.h"
-#include "cvmesh/particles/neighbour_tree.h"
+#include "cvmesh/mesh/neighbour_tree.h"
 #include "cvmesh/pipeline/find_epsilon.h"
 #include "cvmesh/pipeline/label_options.h"
 #include "cvmesh/pipeline/stage_names.h"
@@ -158,7 +158,7 @@ Round mesh_to_tets(Run& run,
       stage_names::kSizingField,
       [&] { return sampler.search_expected(options, wanted / kTetsPerVertex); },
       [&](const CountSearchResult& r) {
-        return fmt::format("epsilon {:.4g} to begin with for {} tets", r.epsilon, target);
+        return fmt::format("{:.0f} vertices to begin with for {} tets", r.count, target);
       });
   Round best;
   StageResults best_stages;
@@ -179,14 +179,15 @@ Round mesh_to_tets(Run& run,
                                                         .tolerance = kTetTolerance,
                                                         .max_rounds = kTetRounds});
   run.report.stages = std::move(best_stages);
-  run.report.stages.epsilon_search = EpsilonSearch{"target_tets", wanted, found.count,
-                                                   options.epsilon * found.epsilon, found.rounds};
+  run.report.stages.epsilon_search = EpsilonSearch{
+      "target_tets", wanted, found.count,
+      sampler.epsilon_of(options, found.epsilon, best.sampling.sizing_field), found.rounds};
   if (!found.is_reached)
     run.context.log->warn(
         "target_tets ({}) was not reached within {:g} %: {:.0f} tets at epsilon {:.4g}; small "
         "parts and edge bounds need theirs, interior_growth and tet_radius_edge_ratio rule the "
         "inside",
-        target, 100 * kTetTolerance, found.count, options.epsilon * found.epsilon);
+        target, 100 * kTetTolerance, found.count, run.report.stages.epsilon_search->epsilon);
   return best;
 }
 
@@ -250,12 +251,9 @@ Round mesh_to_distance(Run& run,
            options.min_edge_mm.value_or(0), cap_mm);
   }
   const SizingField& field = round.sampling.sizing_field;
-  std::vector<double> epsilon(lfs.size());
-  for (std::size_t v = 0; v < lfs.size(); ++v)
-    epsilon[v] = field.h_mm[v] / lfs[v];
   const double reached = round.sparse.deviation.max_mm;
   run.report.stages.epsilon_search =
-      EpsilonSearch{key, limit_mm / unit_mm, reached / unit_mm, median(std::move(epsilon)), rounds};
+      EpsilonSearch{key, limit_mm / unit_mm, reached / unit_mm, field.median_epsilon(), rounds};
   if (reached > limit_mm)
     run.context.log->warn(
         "{} ({:g}) was not reached: {:.3g} is left after {} rounds; min_edge_mm, or parts "

@@ -3,10 +3,12 @@
 
 #include "cvmesh/pipeline/label_options.h"
 #include "cvmesh/pipeline/stage_names.h"
+#include "cvmesh/sizing/size_by_deviation.h"
 
 #include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <cmath>
 
 namespace cvmesh {
@@ -75,8 +77,8 @@ Sampling SurfaceSampler::sample_to_target(const SizingOptions& options, std::siz
   const CountSearchResult first = run_.stage.run(
       stage_names::kSizingField, [&] { return search_expected(options, wanted); },
       [&](const CountSearchResult& r) {
-        return fmt::format("epsilon {:.4g} is expected to give {:.0f} of {} vertices", r.epsilon,
-                           r.count, target);
+        return fmt::format("{:.0f} of {} vertices expected, sizes times {:.4g}", r.count, target,
+                           r.epsilon);
       });
 
   Sampling best;
@@ -98,13 +100,15 @@ Sampling SurfaceSampler::sample_to_target(const SizingOptions& options, std::siz
                                                         .tolerance = kTargetTolerance,
                                                         .max_rounds = kActualRounds});
   run_.report.stages = std::move(best_stages);
-  run_.report.stages.epsilon_search = EpsilonSearch{"target_vertices", wanted, found.count,
-                                                    options.epsilon * found.epsilon, found.rounds};
+  run_.report.stages.epsilon_search =
+      EpsilonSearch{"target_vertices", wanted, found.count,
+                    epsilon_of(options, found.epsilon, best.sizing_field), found.rounds};
   if (!found.is_reached)
     run_.context.log->warn(
         "target_vertices ({}) was not reached within {:g} %: {:.0f} surface vertices at epsilon "
         "{:.4g}; curves, corners and small parts need theirs, and edge bounds may forbid more",
-        target, 100 * kTargetTolerance, found.count, options.epsilon * found.epsilon);
+        target, 100 * kTargetTolerance, found.count,
+        epsilon_of(options, found.epsilon, best.sizing_field));
   return best;
 }
 
@@ -120,7 +124,34 @@ const SizingProblem& SurfaceSampler::problem() {
   return *problem_;
 }
 
+// Epsilon then multiplies the sizes that spend `wanted` vertices where they bring the facets
+// nearest to the surface, but nowhere more than `kMostCoarser` times what the feature size would
+// give for that number: thin parts keep their shape.
+void SurfaceSampler::base_on_deviation(const SizingOptions& options, double wanted) {
+  constexpr double kMostCoarser = 2;
+  problem();
+  const double voxel_mm = level_sets_.frame().voxel_mm();
+  std::vector<double> base = size_by_deviation(dense_.mesh, dense_.strata, wanted, voxel_mm);
+  const CountSearchResult by_feature_size = find_epsilon(
+      [&](double factor) { return problem_->estimate_vertices(scaled(options, factor)); },
+      {.target = wanted, .tolerance = kTargetTolerance, .max_rounds = kEstimateRounds});
+  const double floor_mm = options.min_feature_vox * voxel_mm;
+  for (std::size_t v = 0; v < base.size(); ++v)
+    base[v] = std::min(base[v], kMostCoarser * by_feature_size.epsilon *
+                                    std::max(problem_->lfs_mm()[v], floor_mm));
+  problem_->set_base(std::move(base));
+  is_based_on_deviation_ = true;
+}
+
+double SurfaceSampler::epsilon_of(const SizingOptions& options,
+                                  double factor,
+                                  const SizingField& field) const {
+  return is_based_on_deviation_ ? field.median_epsilon() : options.epsilon * factor;
+}
+
 CountSearchResult SurfaceSampler::search_expected(const SizingOptions& options, double wanted) {
+  if (run_.request.parameters.target_sizes == TargetSizes::Deviation && !is_based_on_deviation_)
+    base_on_deviation(options, wanted);
   const auto estimate = [&](double factor) {
     const double count = problem().estimate_vertices(scaled(options, factor));
     report_progress(run_.context, stage_names::kSizingField, 0.5);

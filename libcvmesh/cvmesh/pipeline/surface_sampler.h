@@ -34,6 +34,11 @@ class SurfaceSampler {
   /// fields only, then a few rounds with real particles.
   Sampling sample_to_target(const SizingOptions& options, std::size_t target);
 
+  /// The epsilon that a field found with `factor` amounts to.
+  [[nodiscard]] double epsilon_of(const SizingOptions& options,
+                                  double factor,
+                                  const SizingField& field) const;
+
   /// The factor for every epsilon at which the sizing field is expected to give the wanted
   /// vertices: a search on estimates, then on the fields themselves, of which the last is kept.
   CountSearchResult search_expected(const SizingOptions& options, double wanted);
@@ -44,12 +49,14 @@ class SurfaceSampler {
  private:
   SizingResult size(const SizingOptions& options, std::span<const double> cap_mm);
   const SizingProblem& problem();
+  void base_on_deviation(const SizingOptions& options, double wanted);
 
   Run& run_;
   const Dense& dense_;
   const LevelSets& level_sets_;
   MedialAxis medial_axis_;
   std::optional<SizingProblem> problem_;
+  bool is_based_on_deviation_ = false;
   std::optional<std::pair<SizingOptions, SizingResult>> searched_;  ///< the search's last field
 };
 

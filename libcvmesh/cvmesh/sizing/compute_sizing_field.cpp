@@ -214,7 +214,7 @@ std::vector<double> SizingProblem::wanted_size(const SizingOptions& options) con
   const double floor_mm = options.min_feature_vox * labels_.frame.voxel_mm();
   std::vector<double> h(lfs_mm_.size(), kInfinity);
   parallel_for_each_index(0, h.size(), [&](std::size_t v) {
-    const double feature = std::max(lfs_mm_[v], floor_mm);
+    const double feature = base_mm_.empty() ? std::max(lfs_mm_[v], floor_mm) : base_mm_[v];
     for (auto s = first_share_[v]; s < first_share_[v + 1]; ++s)
       h[v] = std::min(h[v], rules.wanted_mm(shares_[s].patch, dense_.points[v], feature));
     // A point without facets belongs to no material.

@@ -13,6 +13,7 @@
 #include <map>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 namespace cvmesh {
@@ -112,6 +113,10 @@ class SizingProblem {
 
   [[nodiscard]] const std::vector<double>& lfs_mm() const { return lfs_mm_; }
 
+  /// From now on epsilon multiplies these lengths, one per dense vertex, instead of the local
+  /// feature size and its floor.
+  void set_base(std::vector<double> base_mm) { base_mm_ = std::move(base_mm); }
+
  private:
   // A third of the area of one patch's facets around a vertex.
   struct PatchShare {
@@ -138,7 +143,8 @@ class SizingProblem {
   const Strata& strata_;
   const Grid<MaterialId>& labels_;
   std::vector<double> lfs_mm_;
-  SizingStats common_;  // what of the stats does not depend on the options
+  std::vector<double> base_mm_;  // what epsilon multiplies; empty: the local feature size
+  SizingStats common_;           // what of the stats does not depend on the options
   VertexNeighbours neighbours_;
   std::vector<std::int32_t> first_share_;
   std::vector<PatchShare> shares_;  // of vertex v: first_share_[v] to first_share_[v + 1]

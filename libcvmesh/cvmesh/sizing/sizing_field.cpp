@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
 
 namespace cvmesh {
 
@@ -27,6 +28,16 @@ double SizingField::at(const Vec3& p) const {
   };
   const double a = along_y(lo[2]), b = along_y(hi[2]);
   return a + f.z * (b - a);
+}
+
+double SizingField::median_epsilon() const {
+  if (h_mm.empty()) return 0;
+  std::vector<double> epsilon(h_mm.size());
+  for (std::size_t v = 0; v < epsilon.size(); ++v)
+    epsilon[v] = h_mm[v] / lfs_mm[v];
+  const auto middle = epsilon.begin() + static_cast<std::ptrdiff_t>(epsilon.size() / 2);
+  std::nth_element(epsilon.begin(), middle, epsilon.end());
+  return *middle;
 }
 
 }  // namespace cvmesh

@@ -20,6 +20,10 @@ struct SizingField {
 
   /// Trilinear h at a point (grid mm), clamped to the grid.
   [[nodiscard]] double at(const Vec3& p) const;
+
+  /// The median of h over the local feature size: the epsilon that the field amounts to; 0 without
+  /// vertices.
+  [[nodiscard]] double median_epsilon() const;
 };
 
 }  // namespace cvmesh

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
-#include "cvmesh/particles/neighbour_tree.h"
+#include "cvmesh/mesh/neighbour_tree.h"
 
 #include <nanoflann.hpp>
 
