@@ -3,7 +3,7 @@
 
 #include "cvmesh/core/assert.h"
 #include "cvmesh/core/parallel.h"
-
+#include "cvmesh/mesh/sort_along_curve.h"
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -476,6 +476,7 @@ InterfaceMesh extract_interfaces(const LevelSets& level_sets, const StageContext
       mesh.facets[f][c] = index.find(key_facets[f].keys[c]);
     mesh.patch_of[f] = key_facets[f].patch;
   });
+  sort_along_curve(mesh, level_sets.frame().voxel_mm());
   report_progress(context, "dense surfaces", 1);
   return mesh;
 }

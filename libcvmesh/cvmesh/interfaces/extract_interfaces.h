@@ -14,7 +14,8 @@ namespace cvmesh {
 /// 2-manifold with the topology of its voxels on the 14-neighbour lattice, and conformity is by
 /// construction. The box of the grid (half a voxel outside the outermost nodes) closes materials
 /// that reach it, exactly: its faces are planes with their own patches (`PatchKey::wall`).
-/// Points are in grid mm, ordered by lattice element. Linear in the number of voxels.
+/// Points are in grid mm; points and facets are numbered along a curve (`sort_along_curve`). Linear
+/// in the number of voxels but for that order.
 InterfaceMesh extract_interfaces(const LevelSets& level_sets, const StageContext& context);
 
 }  // namespace cvmesh

@@ -1,57 +1,79 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/mesh/facet_index.h"
 
-#include <algorithm>
+#include "cvmesh/core/assert.h"
 
 namespace cvmesh {
+namespace {
 
-FacetIndex::FacetIndex(const Box3& bounds, double finest_mm) : finest_(finest_mm), cells_(1) {
+float rounded_down(double x) {
+  const auto f = static_cast<float>(x);
+  return f > x ? std::nextafter(f, -std::numeric_limits<float>::infinity()) : f;
+}
+
+float rounded_up(double x) {
+  return -rounded_down(-x);
+}
+
+}  // namespace
+
+FacetIndex::FacetIndex(const Box3& bounds, double finest_mm)
+    : origin_(bounds.is_empty() ? Vec3{} : bounds.lo) {
   const Vec3 extent = bounds.extent();
-  side_ = std::max({extent.x, extent.y, extent.z, finest_mm});
-  origin_ = bounds.is_empty() ? Vec3{} : bounds.lo;
+  const double longest = std::max({extent.x, extent.y, extent.z, finest_mm});
+  for (double side = finest_mm;; side *= 2) {
+    Level& level = levels_.emplace_back();
+    level.side = side;
+    for (int axis = 0; axis < 3; ++axis) {
+      level.cells[axis] = static_cast<int>(extent[axis] / side) + 1;
+      level.bricks[axis] = (level.cells[axis] + kLast) / kBrick;
+    }
+    level.brick_at.assign(
+        static_cast<std::size_t>(level.bricks[0]) * level.bricks[1] * level.bricks[2], -1);
+    // the last level holds the largest boxes there can be, as long as their centres are in bounds
+    if (side >= 2 * longest) break;
+  }
 }
 
 void FacetIndex::insert(std::int32_t id, const Box3& box) {
-  if (static_cast<std::size_t>(id) >= entries_.size()) entries_.resize(id + 1);
+  if (static_cast<std::size_t>(id) >= place_of_.size()) place_of_.resize(id + 1);
+  CVMESH_ASSERT(place_of_[id].cell < 0);
   const Vec3 extent = box.extent();
   const double longest = std::max({extent.x, extent.y, extent.z});
-  const Vec3 center = 0.5 * (box.lo + box.hi);
-  std::int32_t cell = 0;
-  Vec3 lo = origin_;
-  double side = side_;
-  ++cells_[0].count;
-  for (int depth = 0; depth + 1 < kMaxDepth && side / 2 >= longest && side / 2 >= finest_;
-       ++depth) {
-    if (cells_[cell].children < 0) {
-      const auto first = static_cast<std::int32_t>(cells_.size());
-      cells_.resize(cells_.size() + 8);
-      cells_[cell].children = first;
-      for (int c = 0; c < 8; ++c)
-        cells_[first + c].parent = cell;
-    }
-    side /= 2;
-    const int child = (center.x >= lo.x + side ? 1 : 0) | (center.y >= lo.y + side ? 2 : 0) |
-                      (center.z >= lo.z + side ? 4 : 0);
-    lo = child_corner(lo, side, child);
-    cell = cells_[cell].children + child;
-    ++cells_[cell].count;
+  std::size_t l = 0;
+  while (l + 1 < levels_.size() && levels_[l].side < longest)
+    ++l;
+  Level& level = levels_[l];
+  const Cell cell = cell_at(level, 0.5 * (box.lo + box.hi));
+  std::int32_t& brick =
+      level.brick_at[brick_index(level, cell[0] / kBrick, cell[1] / kBrick, cell[2] / kBrick)];
+  if (brick < 0) {
+    constexpr std::size_t kCells = std::size_t{kBrick} * kBrick * kBrick;
+    brick = static_cast<std::int32_t>(cells_.size() / kCells);
+    cells_.resize(cells_.size() + kCells);
   }
-  Entry& entry = entries_[id];
-  entry = {box, cell, cells_[cell].first, -1};
-  if (entry.next >= 0) entries_[entry.next].previous = id;
-  cells_[cell].first = id;
+  const std::size_t place = cell_index(brick, cell);
+  Entry entry{{}, {}, id};
+  for (int axis = 0; axis < 3; ++axis) {
+    entry.lo[axis] = rounded_down(box.lo[axis]);
+    entry.hi[axis] = rounded_up(box.hi[axis]);
+  }
+  cells_[place].push_back(entry);
+  place_of_[id] = {static_cast<std::int32_t>(place), static_cast<std::int32_t>(l)};
+  ++level.count;
 }
 
 void FacetIndex::remove(std::int32_t id) {
-  Entry& entry = entries_[id];
-  if (entry.previous >= 0)
-    entries_[entry.previous].next = entry.next;
-  else
-    cells_[entry.cell].first = entry.next;
-  if (entry.next >= 0) entries_[entry.next].previous = entry.previous;
-  for (auto cell = entry.cell; cell >= 0; cell = cells_[cell].parent)
-    --cells_[cell].count;
-  entry.cell = -1;
+  Place& place = place_of_[id];
+  CVMESH_ASSERT(place.cell >= 0);
+  std::vector<Entry>& cell = cells_[place.cell];
+  const auto entry =
+      std::find_if(cell.begin(), cell.end(), [&](const Entry& e) { return e.id == id; });
+  CVMESH_ASSERT(entry != cell.end());
+  *entry = cell.back();
+  cell.pop_back();
+  --levels_[place.level].count;
+  place = {};
 }
 
 }  // namespace cvmesh

@@ -3,84 +3,109 @@
 
 #include "cvmesh/core/box3.h"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
+#include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 namespace cvmesh {
 
-/// A loose octree of boxes that come and go [Ulrich 2000]: finds what overlaps a query box while
-/// box sizes differ by orders of magnitude.
+/// Boxes that come and go, found by where they are: a loose grid for every power of two of sizes
+/// [Ulrich 2000], so that a query stays fast while box sizes differ by orders of magnitude.
 ///
-/// A box lives in one cell: the deepest whose side is at least the box's longest side and that
-/// holds the box's centre. A cell is looked at with half a side of margin all round. Insertion and
-/// removal cost the depth of the tree; a query costs about the number of boxes it meets.
+/// A box lives on the finest level whose cells are at least as long as the box, in the cell of its
+/// centre; a cell is looked at with half a side of margin all round. Cells hold their boxes side by
+/// side, and bricks of cells exist only where boxes are. Insertion and removal take constant time;
+/// a query looks at the cells it meets on the levels that are in use.
+///
+/// Boxes are kept as floats, rounded outwards: a query finds every box that overlaps, and may find
+/// one that misses by a rounding error. Queries may run at the same time.
 class FacetIndex {
  public:
+  struct Entry {
+    std::array<float, 3> lo, hi;
+    std::int32_t id;
+
+    [[nodiscard]] bool overlaps(const Box3& box) const {
+      return lo[0] <= box.hi.x && hi[0] >= box.lo.x && lo[1] <= box.hi.y && hi[1] >= box.lo.y &&
+             lo[2] <= box.hi.z && hi[2] >= box.lo.z;
+    }
+  };
+
   /// @param bounds     holds the centre of every box that will be inserted
-  /// @param finest_mm  side of the smallest cells that are worth making
+  /// @param finest_mm  side of the smallest cells
   FacetIndex(const Box3& bounds, double finest_mm);
 
   void insert(std::int32_t id, const Box3& box);
   void remove(std::int32_t id);
 
-  /// Calls `visit(id)` for every box that overlaps `box`, in an order that depends only on the
-  /// history of insertions.
+  /// Calls `visit(entry)` for every box that overlaps `box`, in an order that depends only on the
+  /// history of insertions and removals.
   template <typename Visit>
   void query(const Box3& box, const Visit& visit) const {
-    std::array<Step, 8 * kMaxDepth + 1> stack;
-    int depth = 0;
-    stack[depth++] = {0, origin_, side_};
-    while (depth > 0) {
-      const Step step = stack[--depth];
-      const Cell& cell = cells_[step.cell];
-      for (auto e = cell.first; e >= 0; e = entries_[e].next)
-        if (entries_[e].box.overlaps(box)) visit(e);
-      if (cell.children < 0) continue;
-      const double half = step.side / 2, margin = half / 2;
-      for (int c = 0; c < 8; ++c) {
-        if (cells_[cell.children + c].count == 0) continue;
-        const Vec3 lo = child_corner(step.lo, half, c);
-        if (lo.x - margin > box.hi.x || lo.x + half + margin < box.lo.x ||
-            lo.y - margin > box.hi.y || lo.y + half + margin < box.lo.y ||
-            lo.z - margin > box.hi.z || lo.z + half + margin < box.lo.z)
-          continue;
-        stack[depth++] = {cell.children + c, lo, half};
-      }
+    for (const Level& level : levels_) {
+      if (level.count == 0) continue;
+      const Cell lo = cell_at(level, box.lo - 0.5 * level.side * Vec3{1, 1, 1});
+      const Cell hi = cell_at(level, box.hi + 0.5 * level.side * Vec3{1, 1, 1});
+      for (int bk = lo[2] / kBrick; bk <= hi[2] / kBrick; ++bk)
+        for (int bj = lo[1] / kBrick; bj <= hi[1] / kBrick; ++bj)
+          for (int bi = lo[0] / kBrick; bi <= hi[0] / kBrick; ++bi) {
+            const std::int32_t brick = level.brick_at[brick_index(level, bi, bj, bk)];
+            if (brick < 0) continue;
+            for (int k = std::max(lo[2], bk * kBrick); k <= std::min(hi[2], bk * kBrick + kLast);
+                 ++k)
+              for (int j = std::max(lo[1], bj * kBrick); j <= std::min(hi[1], bj * kBrick + kLast);
+                   ++j)
+                for (int i = std::max(lo[0], bi * kBrick);
+                     i <= std::min(hi[0], bi * kBrick + kLast); ++i)
+                  for (const Entry& entry : cells_[cell_index(brick, {i, j, k})])
+                    if (entry.overlaps(box)) visit(entry);
+          }
     }
   }
 
  private:
-  static constexpr int kMaxDepth = 20;
+  static constexpr int kBrick = 4;  // cells along a side
+  static constexpr int kLast = kBrick - 1;
+  using Cell = std::array<int, 3>;
 
-  struct Cell {
-    std::int32_t children = -1;  // first of eight
-    std::int32_t first = -1;     // entries of this cell
-    std::int32_t count = 0;      // entries of this cell and below
-    std::int32_t parent = -1;
+  struct Level {
+    double side = 1;
+    std::array<int, 3> cells{1, 1, 1}, bricks{1, 1, 1};
+    std::vector<std::int32_t> brick_at;  // -1: none yet
+    std::size_t count = 0;               // boxes on this level
   };
 
-  struct Entry {
-    Box3 box;
-    std::int32_t cell = -1, next = -1, previous = -1;
-  };
-
-  struct Step {
-    std::int32_t cell;
-    Vec3 lo;
-    double side;
-  };
-
-  static Vec3 child_corner(const Vec3& lo, double half, int child) {
-    return {lo.x + ((child & 1) != 0 ? half : 0), lo.y + ((child & 2) != 0 ? half : 0),
-            lo.z + ((child & 4) != 0 ? half : 0)};
+  static std::size_t brick_index(const Level& level, int i, int j, int k) {
+    return (static_cast<std::size_t>(k) * level.bricks[1] + j) * level.bricks[0] + i;
   }
 
+  static std::size_t cell_index(std::int32_t brick, const Cell& cell) {
+    const int local = ((cell[2] % kBrick) * kBrick + cell[1] % kBrick) * kBrick + cell[0] % kBrick;
+    return static_cast<std::size_t>(brick) * (kBrick * kBrick * kBrick) +
+           static_cast<std::size_t>(local);
+  }
+
+  [[nodiscard]] Cell cell_at(const Level& level, const Vec3& p) const {
+    Cell cell;
+    for (int axis = 0; axis < 3; ++axis)
+      cell[axis] = static_cast<int>(
+          std::clamp((p[axis] - origin_[axis]) / level.side, 0.0, level.cells[axis] - 1.0));
+    return cell;
+  }
+
+  struct Place {
+    std::int32_t cell = -1;
+    std::int32_t level = -1;
+  };
+
   Vec3 origin_;
-  double side_ = 1;
-  double finest_ = 1;
-  std::vector<Cell> cells_;
-  std::vector<Entry> entries_;
+  std::vector<Level> levels_;
+  std::vector<std::vector<Entry>> cells_;  // of all bricks
+  std::vector<Place> place_of_;            // by id
 };
 
 }  // namespace cvmesh

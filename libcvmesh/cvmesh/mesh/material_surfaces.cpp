@@ -254,17 +254,29 @@ void MaterialSurfaces::attach(MaterialId m, Halfedge h, const std::vector<std::i
   throw Error(ErrorCode::Internal, "surfaces", "a face has no facet to mirror");
 }
 
-// Unlinks the samples of some facets and joins them to one list. @return its head
-std::int32_t MaterialSurfaces::take_samples(const std::vector<std::int32_t>& facets) {
-  std::int32_t head = -1;
+// Unlinks the samples of some facets and joins them to one list, in order. @return its head
+std::int32_t MaterialSurfaces::take_samples(std::span<const std::int32_t> facets) {
+  std::int32_t head = -1, last = -1;
   for (const std::int32_t f : facets)
-    for (std::int32_t s = std::exchange(facets_[f].first_sample, -1); s >= 0;) {
-      const std::int32_t next = next_sample_[s];
-      next_sample_[s] = head;
-      head = s;
-      s = next;
+    for (std::int32_t s = std::exchange(facets_[f].first_sample, -1); s >= 0; s = next_sample_[s]) {
+      (last < 0 ? head : next_sample_[last]) = s;
+      last = s;
     }
   return head;
+}
+
+// Hands the samples of a list to the facets that `heirs` says.
+void MaterialSurfaces::give_to_heirs(std::int32_t sample,
+                                     std::span<const std::uint16_t> heirs,
+                                     const std::vector<std::int32_t>& facets) {
+  for (const std::uint16_t heir : heirs) {
+    CVMESH_ASSERT(sample >= 0 && heir < facets.size());
+    std::int32_t& first = facets_[facets[heir]].first_sample;
+    const std::int32_t next = std::exchange(next_sample_[sample], first);
+    first = sample;
+    sample = next;
+  }
+  CVMESH_ASSERT(sample < 0);
 }
 
 // Hands every sample of a list to the nearest of some facets (ties: the first).
@@ -291,7 +303,7 @@ void MaterialSurfaces::give_samples(std::int32_t sample, const std::vector<std::
 
 std::int32_t MaterialSurfaces::split_facet(std::int32_t facet, const Vec3& position) {
   const Facet old = facets_[facet];
-  const std::int32_t sample_list = take_samples({facet});
+  const std::int32_t sample_list = take_samples({&facet, 1});
   const std::int32_t center = add_vertex(position);
   std::vector<std::int32_t> created;
   for (int c = 0; c < 3; ++c) {
@@ -334,7 +346,7 @@ std::int32_t MaterialSurfaces::split_edge(std::int32_t a, std::int32_t b, const 
   std::vector<std::int32_t> created;
   std::vector<std::pair<std::int32_t, std::vector<std::int32_t>>> heirs;  // samples -> facets
   for (const std::int32_t f : old_facets) {
-    const std::int32_t sample_list = take_samples({f});
+    const std::int32_t sample_list = take_samples({&f, 1});
     Facet first = facets_[f], second = facets_[f];
     std::replace(first.vertices.begin(), first.vertices.end(), b, middle);
     std::replace(second.vertices.begin(), second.vertices.end(), a, middle);
@@ -390,12 +402,13 @@ void MaterialSurfaces::flip_edge(std::int32_t a, std::int32_t b) {
 }
 
 void MaterialSurfaces::remove_vertex(std::int32_t vertex,
-                                     const std::vector<Sheet>& sheets,
-                                     const std::vector<Triangulation>& triangulations,
+                                     std::span<const Sheet> sheets,
+                                     std::span<const Triangulation> triangulations,
+                                     std::span<const std::uint16_t> heirs,
                                      std::vector<std::int32_t>& created) {
   created.clear();
 
-  // New facets take the places of the sheet's old ones; the samples go with them.
+  // New facets take the places of the sheets' old ones.
   struct Diagonal {
     std::int32_t a, b;
     PatchKey patch;
@@ -405,25 +418,26 @@ void MaterialSurfaces::remove_vertex(std::int32_t vertex,
   bool has_single = false;
   for (const Sheet& sheet : sheets)
     has_single |= !sheet.is_disk && sheet.facets.size() == 1;
+  boost::container::small_vector<std::int32_t, 24> star;
+  for (const Sheet& sheet : sheets)
+    star.insert(star.end(), sheet.facets.begin(), sheet.facets.end());
   samples_.push_back(points_[vertex]);
-  next_sample_.push_back(-1);
-  std::int32_t own_sample = static_cast<std::int32_t>(samples_.size() - 1);
-  std::vector<std::pair<std::int32_t, std::vector<std::int32_t>>> heirs;
+  next_sample_.push_back(take_samples({star.data(), star.size()}));
+  const auto own_sample = static_cast<std::int32_t>(samples_.size() - 1);
+
   for (std::size_t s = 0; s < sheets.size(); ++s) {
     const Sheet& sheet = sheets[s];
-    std::int32_t sample_list = take_samples(sheet.facets);
     const auto n = static_cast<int>(sheet.ring.size());
-    std::vector<std::int32_t> ids;
     for (std::size_t t = 0; t < triangulations[s].size(); ++t) {
       const auto& triangle = triangulations[s][t];
-      const Facet facet{{sheet.ring[triangle[0]], sheet.ring[triangle[1]], sheet.ring[triangle[2]]},
-                        sheet.patch,
-                        {},
-                        {},
-                        -1,
-                        true};
-      facets_[sheet.facets[t]] = facet;
-      ids.push_back(sheet.facets[t]);
+      facets_[sheet.facets[t]] = {
+          {sheet.ring[triangle[0]], sheet.ring[triangle[1]], sheet.ring[triangle[2]]},
+          sheet.patch,
+          {},
+          {},
+          -1,
+          true};
+      created.push_back(sheet.facets[t]);
       for (int c = 0; c < 3; ++c) {
         const int i = triangle[c], j = triangle[(c + 1) % 3];
         const bool is_side = j == i + 1 || (j == 0 && i == n - 1);
@@ -433,17 +447,6 @@ void MaterialSurfaces::remove_vertex(std::int32_t vertex,
     for (std::size_t f = triangulations[s].size(); f < sheet.facets.size(); ++f) {
       facets_[sheet.facets[f]].is_alive = false;
       free_facets_.push_back(sheet.facets[f]);
-    }
-    if (!ids.empty()) {
-      if (own_sample >= 0) {
-        next_sample_[own_sample] = sample_list;
-        sample_list = std::exchange(own_sample, -1);
-      }
-      created.insert(created.end(), ids.begin(), ids.end());
-      heirs.push_back({sample_list, std::move(ids)});
-    } else if (sample_list >= 0) {
-      // A half-disk of one facet vanishes into its far edge: a neighbouring sheet takes over.
-      heirs.push_back({sample_list, {}});
     }
   }
 
@@ -496,8 +499,7 @@ void MaterialSurfaces::remove_vertex(std::int32_t vertex,
   }
   copies_[vertex].clear();
   --vertex_count_;
-  for (auto& [sample_list, facets] : heirs)
-    give_samples(sample_list, facets.empty() ? created : facets);
+  give_to_heirs(own_sample, heirs, created);
 }
 
 InterfaceMesh MaterialSurfaces::to_interface_mesh(std::vector<std::int32_t>* vertex_ids) const {

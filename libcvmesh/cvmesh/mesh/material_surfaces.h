@@ -13,6 +13,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace cvmesh {
@@ -59,11 +60,11 @@ class MaterialSurfaces {
   struct Sheet {
     PatchKey patch;
     bool is_disk = true;
-    std::vector<std::int32_t> ring, facets;
+    boost::container::small_vector<std::int32_t, 12> ring, facets;
   };
 
   /// Triangles that replace a sheet, as positions in its ring.
-  using Triangulation = std::vector<std::array<std::uint8_t, 3>>;
+  using Triangulation = boost::container::small_vector<std::array<std::uint8_t, 3>, 12>;
 
   MaterialSurfaces() = default;
 
@@ -114,10 +115,13 @@ class MaterialSurfaces {
   /// Removes a vertex: each sheet's facets are replaced by its triangulation, whose facets take
   /// over the samples of the sheet and the removed vertex itself as a sample.
   /// @pre every diagonal (and for half-disks of more than one facet the closing edge) is new
-  /// @param[out] created  ids of the new facets
+  /// @param heirs         which of all triangles takes over a sample: for the vertex itself, then
+  ///                      for each sample of the sheets' facets, in their order
+  /// @param[out] created  ids of the new facets, in the order of the triangles
   void remove_vertex(std::int32_t vertex,
-                     const std::vector<Sheet>& sheets,
-                     const std::vector<Triangulation>& triangulations,
+                     std::span<const Sheet> sheets,
+                     std::span<const Triangulation> triangulations,
+                     std::span<const std::uint16_t> heirs,
                      std::vector<std::int32_t>& created);
 
   /// Calls `visit(sample position)` for the samples that a facet carries.
@@ -147,7 +151,10 @@ class MaterialSurfaces {
   Halfedge halfedge_between(MaterialId m, std::int32_t source, std::int32_t target) const;
   void attach(MaterialId m, Halfedge h, const std::vector<std::int32_t>& facets);
   void give_samples(std::int32_t sample, const std::vector<std::int32_t>& facets);
-  std::int32_t take_samples(const std::vector<std::int32_t>& facets);
+  void give_to_heirs(std::int32_t sample,
+                     std::span<const std::uint16_t> heirs,
+                     const std::vector<std::int32_t>& facets);
+  std::int32_t take_samples(std::span<const std::int32_t> facets);
 
   std::vector<HalfedgeMesh> meshes_;
   std::vector<VertexIdMap> vertex_id_;  // per material

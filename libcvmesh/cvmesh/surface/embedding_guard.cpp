@@ -1,8 +1,13 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/surface/embedding_guard.h"
 
+#include <algorithm>
+
 namespace cvmesh {
 namespace {
+
+/// Over a voxel: side of the smallest cells of the index. Dense facets fit into it.
+constexpr double kFinest = 1.5;
 
 Box3 bounds_of(const MaterialSurfaces& surfaces) {
   Box3 box;
@@ -11,61 +16,54 @@ Box3 bounds_of(const MaterialSurfaces& surfaces) {
   return box;
 }
 
+bool holds(std::span<const std::int32_t> ids, std::int32_t id) {
+  return std::find(ids.begin(), ids.end(), id) != ids.end();
+}
+
 }  // namespace
 
-EmbeddingGuard::EmbeddingGuard(const MaterialSurfaces& surfaces, double voxel_mm)
-    : surfaces_(surfaces), index_(bounds_of(surfaces), voxel_mm) {
+FacetIndex index_facets(const MaterialSurfaces& surfaces, double voxel_mm) {
+  FacetIndex index(bounds_of(surfaces), kFinest * voxel_mm);
   for (std::size_t f = 0; f < surfaces.facets().size(); ++f)
-    if (surfaces.facets()[f].is_alive) insert(static_cast<std::int32_t>(f));
+    if (surfaces.facets()[f].is_alive) insert_facet(surfaces, static_cast<std::int32_t>(f), index);
+  return index;
 }
 
-void EmbeddingGuard::insert(std::int32_t facet) {
-  index_.insert(facet, box_of(surfaces_.points(), surfaces_.facets()[facet].vertices));
+void insert_facet(const MaterialSurfaces& surfaces, std::int32_t facet, FacetIndex& index) {
+  index.insert(facet, box_of(surfaces.points(), surfaces.facets()[facet].vertices));
 }
 
-void EmbeddingGuard::begin(const Box3& box, std::span<const std::int32_t> replaced) {
-  facet_stamp_.resize(surfaces_.facets().size(), 0);
-  vertex_stamp_.resize(surfaces_.points().size(), 0);
-  ++stamp_;
-  for (const auto f : replaced)
-    facet_stamp_[f] = stamp_;
+void EmbeddingGuard::begin(const Box3& box,
+                           std::span<const std::int32_t> replaced,
+                           std::span<const std::int32_t> ring) {
   nearby_.clear();
-  nearby_box_.clear();
   nearby_vertices_.clear();
-  index_.query(box, [&](std::int32_t f) {
-    if (facet_stamp_[f] != stamp_) nearby_.push_back(f);
+  index_.query(box, [&](const FacetIndex::Entry& entry) {
+    if (!holds(replaced, entry.id)) nearby_.push_back(entry);
   });
-  for (const auto f : nearby_)
-    nearby_box_.push_back(box_of(surfaces_.points(), surfaces_.facets()[f].vertices));
-}
-
-void EmbeddingGuard::mark_ring(std::span<const std::int32_t> vertices) {
-  for (const auto v : vertices)
-    vertex_stamp_[v] = stamp_;
-  for (const auto f : nearby_)
-    for (const auto v : surfaces_.facets()[f].vertices)
-      if (vertex_stamp_[v] != stamp_) {
-        vertex_stamp_[v] = stamp_;
-        nearby_vertices_.push_back(v);
-      }
+  for (const FacetIndex::Entry& entry : nearby_)
+    for (const auto v : surfaces_.facets()[entry.id].vertices)
+      if (!holds(ring, v) && box.contains(surfaces_.points()[v])) nearby_vertices_.push_back(v);
+  std::sort(nearby_vertices_.begin(), nearby_vertices_.end());
+  nearby_vertices_.erase(std::unique(nearby_vertices_.begin(), nearby_vertices_.end()),
+                         nearby_vertices_.end());
 }
 
 bool EmbeddingGuard::intersects_nearby(const VertexTriple& t) const {
   const Box3 box = box_of(surfaces_.points(), t);
-  for (std::size_t n = 0; n < nearby_.size(); ++n)
-    if (nearby_box_[n].overlaps(box) &&
-        facets_intersect(surfaces_.points(), t, surfaces_.facets()[nearby_[n]].vertices))
-      return true;
-  return false;
+  return std::any_of(nearby_.begin(), nearby_.end(), [&](const FacetIndex::Entry& entry) {
+    return entry.overlaps(box) &&
+           facets_intersect(surfaces_.points(), t, surfaces_.facets()[entry.id].vertices);
+  });
 }
 
 bool EmbeddingGuard::sweeps_over_vertex(const Vec3& apex, const VertexTriple& t) const {
   const auto& p = surfaces_.points();
   Box3 box = box_of(p, t);
   box.add(apex);
-  for (const auto v : nearby_vertices_)
-    if (box.contains(p[v]) && is_in_tet(p[v], apex, p[t[0]], p[t[1]], p[t[2]])) return true;
-  return false;
+  return std::any_of(nearby_vertices_.begin(), nearby_vertices_.end(), [&](std::int32_t v) {
+    return box.contains(p[v]) && is_in_tet(p[v], apex, p[t[0]], p[t[1]], p[t[2]]);
+  });
 }
 
 }  // namespace cvmesh

@@ -11,44 +11,45 @@
 
 namespace cvmesh {
 
+/// An index of all living facets; whoever edits the surfaces keeps it.
+FacetIndex index_facets(const MaterialSurfaces& surfaces, double voxel_mm);
+
+/// Puts a new or changed facet into the index.
+void insert_facet(const MaterialSurfaces& surfaces, std::int32_t facet, FacetIndex& index);
+
 /// Decides whether facets may change places without any two facets intersecting or one part of the
-/// surface jumping over another. Keeps an index of all living facets; whoever edits the surfaces
-/// tells it.
+/// surface jumping over another.
 ///
-/// A change is looked at in three steps: `begin` collects what is near, then the questions, then
-/// the edit itself with `remove` before and `insert` after.
+/// A change is looked at in two steps: `begin` collects what is near, then the questions. Nothing
+/// is written to the surfaces and the index, so that guards of several threads may look at them at
+/// the same time.
 class EmbeddingGuard {
  public:
-  EmbeddingGuard(const MaterialSurfaces& surfaces, double voxel_mm);
+  /// Both must outlive the guard.
+  EmbeddingGuard(const MaterialSurfaces& surfaces, const FacetIndex& index)
+      : surfaces_(surfaces), index_(index) {}
 
   /// Collects the facets near `box` that are not among `replaced`.
-  void begin(const Box3& box, std::span<const std::int32_t> replaced);
+  /// @param ring  vertices that belong to the change itself
+  void begin(const Box3& box,
+             std::span<const std::int32_t> replaced,
+             std::span<const std::int32_t> ring);
 
   /// Facets that `begin` collected.
-  [[nodiscard]] const std::vector<std::int32_t>& nearby() const { return nearby_; }
+  [[nodiscard]] const std::vector<FacetIndex::Entry>& nearby() const { return nearby_; }
 
   /// True when triangle t meets a nearby facet in more than shared vertices and edges.
   [[nodiscard]] bool intersects_nearby(const VertexTriple& t) const;
 
-  /// True when a vertex of a nearby facet, other than those of the ring of the change (`mark_ring`)
-  /// lies in the tet between `apex` and triangle t: t would jump over it.
+  /// True when a vertex of a nearby facet, other than those of the ring of the change, lies in the
+  /// tet between `apex` and triangle t: t would jump over it.
   [[nodiscard]] bool sweeps_over_vertex(const Vec3& apex, const VertexTriple& t) const;
-
-  /// Tells the vertices that belong to the change itself.
-  void mark_ring(std::span<const std::int32_t> vertices);
-
-  void remove(std::int32_t facet) { index_.remove(facet); }
-
-  void insert(std::int32_t facet);
 
  private:
   const MaterialSurfaces& surfaces_;
-  FacetIndex index_;
-  std::vector<std::int32_t> nearby_;
-  std::vector<Box3> nearby_box_;
+  const FacetIndex& index_;
+  std::vector<FacetIndex::Entry> nearby_;
   std::vector<std::int32_t> nearby_vertices_;
-  std::vector<std::uint32_t> facet_stamp_, vertex_stamp_;
-  std::uint32_t stamp_ = 0;
 };
 
 }  // namespace cvmesh

@@ -20,7 +20,10 @@ constexpr double kMinQuality = 1e-3;
 class Flipper {
  public:
   Flipper(MaterialSurfaces& surfaces, double voxel_mm, double deviation_mm)
-      : surfaces_(surfaces), guard_(surfaces, voxel_mm), objective_{deviation_mm} {}
+      : surfaces_(surfaces),
+        index_(index_facets(surfaces, voxel_mm)),
+        guard_(surfaces, index_),
+        objective_{deviation_mm} {}
 
   enum class Outcome { Flipped, NoGain, Refused };
 
@@ -50,11 +53,11 @@ class Flipper {
     const double cost_after = cost(after, farthest_after, {2, 1, 3, 0}, outer);
     if (!(cost_after < cost_before - kLeastGain)) return Outcome::NoGain;
     if (!is_allowed(a, b, c, d, first, second, after, outer)) return Outcome::Refused;
-    guard_.remove(first);
-    guard_.remove(second);
+    for (const auto f : {first, second})
+      index_.remove(f);
     surfaces_.flip_edge(a, b);
-    guard_.insert(first);
-    guard_.insert(second);
+    for (const auto f : {first, second})
+      insert_facet(surfaces_, f, index_);
     return Outcome::Flipped;
   }
 
@@ -124,10 +127,9 @@ class Flipper {
       box.add(p[v]);
     const std::array<std::int32_t, 2> replaced{first, second};
     const std::array<std::int32_t, 4> ring{a, b, c, d};
-    guard_.begin(box, replaced);
-    guard_.mark_ring(ring);
-    for (const auto f : guard_.nearby()) {
-      const auto& v = surfaces_.facets()[f].vertices;
+    guard_.begin(box, replaced, ring);
+    for (const auto& entry : guard_.nearby()) {
+      const auto& v = surfaces_.facets()[entry.id].vertices;
       const auto has = [&](std::int32_t w) { return std::find(v.begin(), v.end(), w) != v.end(); };
       if (has(c) && has(d)) return false;  // the new edge exists
     }
@@ -138,6 +140,7 @@ class Flipper {
   }
 
   MaterialSurfaces& surfaces_;
+  FacetIndex index_;
   EmbeddingGuard guard_;
   SurfaceObjective objective_;
   std::vector<Vec3> samples_;

@@ -26,7 +26,8 @@ class Inserter {
   Inserter(MaterialSurfaces& surfaces, const Strata& strata, double voxel_mm)
       : surfaces_(surfaces),
         strata_(strata),
-        guard_(surfaces, voxel_mm),
+        index_(index_facets(surfaces, voxel_mm)),
+        guard_(surfaces, index_),
         is_taken_(surfaces.points().size(), false) {}
 
   std::int32_t insert(const Particle& particle, InsertParticlesStats& stats) {
@@ -87,11 +88,10 @@ class Inserter {
         box.add(points[v]);
         ring_.push_back(v);
       }
-    guard_.begin(box, star_);
-    guard_.mark_ring(ring_);
+    guard_.begin(box, star_, ring_);
     if (!keeps_shape(vertex, position)) return false;
     for (const auto f : star_)
-      guard_.remove(f);
+      index_.remove(f);
     surfaces_.move_vertex(vertex, position);
     bool is_good = true;
     for (std::size_t a = 0; a < star_.size() && is_good; ++a) {
@@ -102,7 +102,7 @@ class Inserter {
     }
     if (!is_good) surfaces_.move_vertex(vertex, old);
     for (const auto f : star_)
-      guard_.insert(f);
+      insert_facet(surfaces_, f, index_);
     return is_good;
   }
 
@@ -164,11 +164,11 @@ class Inserter {
     surfaces_.collect_star(a, star_);
     surfaces_.collect_star(b, around_b);
     for (const auto f : star_)
-      if (std::find(around_b.begin(), around_b.end(), f) != around_b.end()) guard_.remove(f);
+      if (std::find(around_b.begin(), around_b.end(), f) != around_b.end()) index_.remove(f);
     const std::int32_t v = surfaces_.split_edge(a, b, points[a] + t * d);
     surfaces_.collect_star(v, star_);
     for (const auto f : star_)
-      guard_.insert(f);
+      insert_facet(surfaces_, f, index_);
     return v;
   }
 
@@ -195,13 +195,13 @@ class Inserter {
       ++stats.edge_splits;
       return take_new(split_edge(a, b, on), particle.position, stats);
     }
-    guard_.remove(f);
+    index_.remove(f);
     // off the sides, so that no new facet is flat
     const Vec3 center = (points[corners[0]] + points[corners[1]] + points[corners[2]]) / 3;
     const std::int32_t v = surfaces_.split_facet(f, on + 0.15 * (center - on));
     surfaces_.collect_star(v, star_);
     for (const auto g : star_)
-      guard_.insert(g);
+      insert_facet(surfaces_, g, index_);
     ++stats.facet_splits;
     return take_new(v, particle.position, stats);
   }
@@ -258,6 +258,7 @@ class Inserter {
 
   MaterialSurfaces& surfaces_;
   const Strata& strata_;
+  FacetIndex index_;
   EmbeddingGuard guard_;
   std::vector<bool> is_taken_;
   std::map<std::pair<std::int32_t, std::int32_t>, std::vector<std::int32_t>> chains_;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/surface/triangulate_ring.h"
 
+#include <boost/container/small_vector.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -124,8 +126,10 @@ class RingSolver {
   const SurfaceObjective& objective_;
   int n_;
   Vec3 u_, v_;
-  std::vector<Flat> flat_ring_, flat_samples_;
-  std::vector<Entry> entries_;
+  // on the stack for all but the longest rings
+  boost::container::small_vector<Flat, 16> flat_ring_;
+  boost::container::small_vector<Flat, 128> flat_samples_;
+  boost::container::small_vector<Entry, 100> entries_;
 };
 
 }  // namespace

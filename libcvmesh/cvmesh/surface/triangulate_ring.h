@@ -24,6 +24,15 @@ struct RingProblem {
   std::vector<std::uint64_t> forbidden_edges;  ///< bit j of entry i: edge i-j exists elsewhere
   std::vector<std::array<std::uint8_t, 3>> forbidden_triangles;
   std::vector<Vec3> samples;  ///< dense points that the triangles should stay near
+
+  /// Empties the problem for a ring of n vertices, keeping its memory.
+  void clear(std::size_t n) {
+    ring.clear();
+    outer_normals.assign(n, Vec3{});
+    forbidden_edges.assign(n, 0);
+    forbidden_triangles.clear();
+    samples.clear();
+  }
 };
 
 /// Hard limits; the decimation loosens them pass by pass.
