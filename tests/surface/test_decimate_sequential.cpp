@@ -191,11 +191,12 @@ TEST_CASE("decimate_sequential: each boundary alone keeps topology, vertices and
   for (const auto& [name, volume] : phantoms::all_small()) {
     CAPTURE(name);
     const DensePhantom dense = dense_phantoms::make(volume);
+    if (dense.material_count == 2) continue;  // one interface, nothing that lock-step has not shown
     const auto keep = dense_phantoms::random_choice(dense.strata, 0.06, 1);
     const DecimateSequentialResult result = thin_out(dense, keep);
     REQUIRE(result.boundaries.size() == dense.material_count);
     const auto was = boundary_topology(dense.mesh, dense.material_count);
-    std::size_t samples = 0;
+    std::size_t samples = 0, slave_samples = 0;
     std::set<std::int32_t> left;
     for (std::size_t n = 0; n < dense.material_count; ++n) {
       const auto m = static_cast<MaterialId>(n);
@@ -207,8 +208,7 @@ TEST_CASE("decimate_sequential: each boundary alone keeps topology, vertices and
       REQUIRE(is.euler == was[m].euler);
       REQUIRE(find_intersections(mesh).empty());
       for (const OwnFacet& facet : result.boundaries[m]) {
-        samples += facet.samples.size();
-        if (!is_master(m, facet.patch)) REQUIRE(facet.samples.empty());
+        (is_master(m, facet.patch) ? samples : slave_samples) += facet.samples.size();
         left.insert(facet.vertices.begin(), facet.vertices.end());
       }
     }
@@ -222,6 +222,7 @@ TEST_CASE("decimate_sequential: each boundary alone keeps topology, vertices and
     // Every vertex that went is a sample of a master, but for a few whose sheet vanished in favour
     // of a patch with another master.
     REQUIRE(100 * samples >= 99 * result.stats.removed);
+    REQUIRE(slave_samples == 0);
   }
 }
 
