@@ -249,7 +249,7 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
       {.key = "schedule",
        .doc = "\"lock-step\" thins all material surfaces out together; \"sequential\" each on its "
               "own and flips edges until they are conformal, as the paper does: a baseline that "
-              "fails where they do not become so. It takes two to five times the decimation.",
+              "fails where they do not become so. It takes two to six times the decimation.",
        .field = CVMESH_FIELD(schedule),
        .choices = kSchedules},
       {.key = "deviation_vox",
