@@ -23,8 +23,7 @@ Box3 random_box(const CounterRandom& random, std::uint64_t id) {
 
 }  // namespace
 
-TEST_CASE("FacetIndex: finds the boxes that overlap while boxes come and go",
-          "[mesh][property]") {
+TEST_CASE("FacetIndex: finds the boxes that overlap while boxes come and go", "[mesh][property]") {
   const CounterRandom random(1, "boxes");
   // holds the centres, not the boxes
   Box3 bounds;

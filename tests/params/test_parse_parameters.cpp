@@ -42,6 +42,7 @@ TEST_CASE("parse_parameters: an empty object gives the defaults of the structs",
   CHECK(parameters.seed == 1);
   CHECK(parameters.clean_labels.min_island_voxels == 1);
   CHECK_FALSE(parameters.target_vertices);
+  CHECK(parameters.schedule == Schedule::LockStep);
   CHECK(parameters_to_json(parameters) == parameters_to_json(Parameters{}));
 }
 
@@ -58,7 +59,7 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
     "boxes": [{"box": [1, 2, 3, 4, 5, 6], "epsilon": 0.5, "comment": 1},
               {"box": [0, 0, 0, 0, 0, 0], "max_edge_mm": 2}],
     "grid_spacing_mm": "auto", "min_edge_mm": 0.5, "max_edge_mm": null, "seeding": "dense", "target_sizes": "feature_size", "particle_sweeps": 4e1,
-    "deviation_vox": 0.5, "on_degenerate": "fail", "flip_passes": 3, "interior_growth": 0,
+    "schedule": "sequential", "deviation_vox": 0.5, "on_degenerate": "fail", "flip_passes": 3, "interior_growth": 0,
     "tetgen_memory_limit_mb": 512})");
   CHECK(p.tighten.r_vox == 0.5);
   CHECK(p.sizing.epsilon == 2);
@@ -93,6 +94,7 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
   CHECK(p.seed_particles.seeding == Seeding::Dense);
   CHECK(p.target_sizes == TargetSizes::FeatureSize);
   CHECK(p.distribute_particles.max_sweeps == 40);
+  CHECK(p.schedule == Schedule::Sequential);
   CHECK(p.decimate.deviation_vox == 0.5);
   CHECK(p.flip_edges.deviation_vox == 0.5);
   CHECK(p.decimate.on_degenerate == OnDegenerate::Fail);
@@ -128,6 +130,9 @@ TEST_CASE("parse_parameters: messages name file, key, value, bound and way out",
   CHECK(refusal(R"({"seeding": "random"})") ==
         "parameters: p.json: seeding (\"random\") is not one of its values; give \"front\" or "
         "\"dense\"");
+  CHECK(refusal(R"({"schedule": "parallel"})") ==
+        "parameters: p.json: schedule (\"parallel\") is not one of its values; give \"lock-step\" "
+        "or \"sequential\"");
   CHECK(refusal(R"({"drop_labels": 3})") ==
         "parameters: p.json: drop_labels (3) is a number; give an array of label values, like [1, "
         "2]");
@@ -319,6 +324,7 @@ TEST_CASE("parameters_schema: describes each key of the table with its default",
   CHECK(schema["properties"].size() == parameter_table().size() + 1);  // and "comment"
   CHECK(schema["properties"]["epsilon"]["exclusiveMinimum"] == 0);
   CHECK(schema["properties"]["seeding"]["enum"] == Json({"front", "dense"}));
+  CHECK(schema["properties"]["schedule"]["enum"] == Json({"lock-step", "sequential"}));
   const Json& region = schema["properties"]["region_of_interest"];
   CHECK(region["type"] == Json({"array", "null"}));
   CHECK(region["minItems"] == 6);

@@ -15,7 +15,7 @@ namespace cvmesh {
 /// 0 for a true interface). Edges between facets of different patches are curves.
 struct PatchKey {
   Sides sides;
-  std::uint8_t wall = 0;
+  std::uint16_t wall = 0;
   friend bool operator==(const PatchKey&, const PatchKey&) = default;
   friend auto operator<=>(const PatchKey&, const PatchKey&) = default;
 };

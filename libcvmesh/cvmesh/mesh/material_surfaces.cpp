@@ -502,6 +502,12 @@ void MaterialSurfaces::remove_vertex(std::int32_t vertex,
   give_to_heirs(own_sample, heirs, created);
 }
 
+void MaterialSurfaces::add_sample(std::int32_t facet, const Vec3& position) {
+  samples_.push_back(position);
+  next_sample_.push_back(facets_[facet].first_sample);
+  facets_[facet].first_sample = static_cast<std::int32_t>(samples_.size() - 1);
+}
+
 InterfaceMesh MaterialSurfaces::to_interface_mesh(std::vector<std::int32_t>* vertex_ids) const {
   InterfaceMesh mesh;
   std::vector<std::int32_t> compact(points_.size(), -1);

@@ -124,6 +124,9 @@ class MaterialSurfaces {
                      std::span<const std::uint16_t> heirs,
                      std::vector<std::int32_t>& created);
 
+  /// Lets a facet stand for one more removed vertex.
+  void add_sample(std::int32_t facet, const Vec3& position);
+
   /// Calls `visit(sample position)` for the samples that a facet carries.
   template <typename Visit>
   void for_each_sample(std::int32_t facet, const Visit& visit) const {

@@ -14,6 +14,7 @@ namespace {
 constexpr std::string_view kSeedings[] = {"front", "dense"};
 constexpr std::string_view kTargetSizes[] = {"deviation", "feature_size"};
 constexpr std::string_view kOnDegenerate[] = {"keep", "fail"};
+constexpr std::string_view kSchedules[] = {"lock-step", "sequential"};
 
 /// Integers up to here survive every JSON reader (2^53).
 constexpr double kLargestInteger = 9007199254740992.0;
@@ -253,6 +254,12 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .field = CVMESH_FIELD(distribute_particles.max_sweeps),
        .min = 0,
        .max = 10000},
+      {.key = "schedule",
+       .doc = "\"lock-step\" thins all material surfaces out together; \"sequential\" each on its "
+              "own and flips edges until they are conformal, as the paper does: a baseline that "
+              "fails where they do not become so. It takes two to six times the decimation.",
+       .field = CVMESH_FIELD(schedule),
+       .choices = kSchedules},
       {.key = "deviation_vox",
        .unit = "voxels",
        .doc = "Distance between the sparse and the dense surface below which decimation and flips "

@@ -9,6 +9,7 @@
 #include "cvmesh/particles/distribute_particles.h"
 #include "cvmesh/sizing/compute_sizing_field.h"
 #include "cvmesh/surface/decimate.h"
+#include "cvmesh/surface/decimate_sequential.h"
 #include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/tet/tetrahedralize.h"
 
@@ -70,6 +71,8 @@ struct Parameters {
   std::vector<BoxParameters> boxes;             ///< of two values for one place the later one rules
   /// Working grid of all stages between labels and metrics; empty for that of the volume.
   std::optional<GridSpacing> grid_spacing_mm;
+
+  Schedule schedule = Schedule::LockStep;
 
   CleanLabelsOptions clean_labels;
   TightenOptions tighten;

@@ -3,6 +3,7 @@
 
 #include "cvmesh/io/surface_writer.h"
 #include "cvmesh/mesh/neighbour_tree.h"
+#include "cvmesh/pipeline/decimate_and_conform.h"
 #include "cvmesh/pipeline/find_epsilon.h"
 #include "cvmesh/pipeline/label_options.h"
 #include "cvmesh/pipeline/stage_names.h"
@@ -76,16 +77,20 @@ Sparse sparsen(Run& run,
   std::vector<bool> keep(inserted.surfaces.points().size(), false);
   for (const std::int32_t vertex : inserted.vertex_of)
     keep[static_cast<std::size_t>(vertex)] = true;
-  DecimateResult decimated = run.stage.run(
-      stage_names::kDecimation,
-      [&] {
-        return decimate(std::move(inserted.surfaces), keep, voxel_mm, parameters.decimate,
-                        run.context);
-      },
-      [](const DecimateResult& r) {
-        return fmt::format("{} removed, {} left, {} of them could not go", r.stats.removed,
-                           r.surfaces.vertex_count(), r.stats.kept.size());
-      });
+  DecimateResult decimated =
+      parameters.schedule == Schedule::Sequential
+          ? decimate_and_conform(run, labels, std::move(inserted.surfaces), keep)
+          : run.stage.run(
+                stage_names::kDecimation,
+                [&] {
+                  return decimate(std::move(inserted.surfaces), keep, voxel_mm, parameters.decimate,
+                                  run.context);
+                },
+                [](const DecimateResult& r) {
+                  return fmt::format("{} removed, {} left, {} of them could not go",
+                                     r.stats.removed, r.surfaces.vertex_count(),
+                                     r.stats.kept.size());
+                });
   run.report.stages.decimation = decimated.stats;
 
   FlipEdgesResult flipped = run.stage.run(

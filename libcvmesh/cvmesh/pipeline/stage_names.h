@@ -17,6 +17,7 @@ inline constexpr char kSeedParticles[] = "seed particles";
 inline constexpr char kParticles[] = "particle optimisation";
 inline constexpr char kInsertion[] = "insertion";
 inline constexpr char kDecimation[] = "decimation";
+inline constexpr char kEdgeConformity[] = "edge conformity";  // sequential schedule only
 inline constexpr char kEdgeFlipping[] = "edge flipping";
 inline constexpr char kTetrahedra[] = "tetrahedra";
 inline constexpr char kMetrics[] = "metrics";

@@ -18,6 +18,7 @@
 #include "cvmesh/particles/distribute_particles.h"
 #include "cvmesh/report/particle_counts.h"
 #include "cvmesh/sizing/compute_sizing_field.h"
+#include "cvmesh/surface/conform_edges.h"
 #include "cvmesh/surface/decimate.h"
 #include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/surface/insert_particles.h"
@@ -70,6 +71,7 @@ struct StageResults {
   std::optional<DistributeParticlesStats> particles;
   std::optional<InsertParticlesStats> insertion;
   std::optional<DecimateStats> decimation;
+  std::optional<ConformEdgesStats> edge_conformity;  ///< only of the sequential schedule
   std::optional<FlipEdgesStats> edge_flipping;
   std::optional<TetrahedralizeStats> tetrahedra;
 };

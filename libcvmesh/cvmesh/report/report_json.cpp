@@ -117,6 +117,18 @@ Json guarded_json(const std::vector<GuardedPlace>& places, const std::vector<Lab
   return guarded;
 }
 
+/// What every pass of a pair of labels took.
+Json pairs_json(const std::vector<ConformPass>& passes, const std::vector<Label>& label_of) {
+  Json pairs = Json::array();
+  for (const ConformPass& pass : passes) {
+    Json pair = {{"master_label", label_of[pass.sides.outside]},
+                 {"slave_label", label_of[pass.sides.inside]}};
+    pair.update(Json(pass.result));
+    pairs.push_back(pair);
+  }
+  return pairs;
+}
+
 Json stages_json(const Report& report) {
   const StageResults& stages = report.stages;
   Json object = Json::object();
@@ -134,6 +146,10 @@ Json stages_json(const Report& report) {
   add(object, "particle_optimisation", stages.particles);
   add(object, "insertion", stages.insertion);
   add(object, "decimation", stages.decimation);
+  add(object, "edge_conformity", stages.edge_conformity);
+  if (stages.edge_conformity)
+    object["edge_conformity"]["pairs"] =
+        pairs_json(stages.edge_conformity->passes, report.label_of);
   add(object, "edge_flipping", stages.edge_flipping);
   add(object, "tetrahedra", stages.tetrahedra);
   return object;

@@ -131,6 +131,21 @@ void to_json(Json& json, const DecimateStats& stats) {
           {"refusals", stats.refusals}, {"kept_count", stats.kept.size()}, {"kept", kept}};
 }
 
+void to_json(Json& json, const EdgeConformity& conformity) {
+  json = {{"edges", conformity.edges},
+          {"edges_differing", conformity.edges_differing},
+          {"flips", conformity.flips},
+          {"edges_not_flippable", conformity.edges_not_flippable},
+          {"vertices_differing", conformity.vertices_differing.size()}};
+}
+
+void to_json(Json& json, const ConformEdgesStats& stats) {
+  json = {{"passes", stats.passes.size()}};
+  json.update(Json(stats.total()));
+  json["edges_given_up"] = stats.edges_given_up;
+  json["boundaries_repeated"] = stats.boundaries_repeated;
+}
+
 void to_json(Json& json, const FlipEdgesStats& stats) {
   json = {{"flips", stats.flips}, {"refused", stats.refused}, {"passes", stats.passes}};
 }

@@ -25,6 +25,9 @@ void to_json(nlohmann::ordered_json& json, const SeedParticlesStats& stats);
 void to_json(nlohmann::ordered_json& json, const DistributeParticlesStats& stats);
 void to_json(nlohmann::ordered_json& json, const InsertParticlesStats& stats);
 void to_json(nlohmann::ordered_json& json, const DecimateStats& stats);
+void to_json(nlohmann::ordered_json& json, const EdgeConformity& conformity);
+/// The sums; the passes go where their labels are known.
+void to_json(nlohmann::ordered_json& json, const ConformEdgesStats& stats);
 void to_json(nlohmann::ordered_json& json, const FlipEdgesStats& stats);
 void to_json(nlohmann::ordered_json& json, const TetrahedralizeStats& stats);
 void to_json(nlohmann::ordered_json& json, const ImproveTetsStats& stats);
