@@ -250,7 +250,7 @@ TEST_CASE("conform_edges: every interface becomes that of its master", "[surface
        {phantoms::nested_balls(5, 9), phantoms::touching_balls(8),
         phantoms::three_material_wedge(120, 9), phantoms::box_without_background()}) {
     const DensePhantom dense = dense_phantoms::make(volume);
-    const auto keep = dense_phantoms::random_choice(dense.strata, 0.12, 1);
+    const auto keep = dense_phantoms::random_choice(dense.strata, 0.3, 1);
     const DecimateSequentialResult thinned = thin_out(dense, keep);
     const ConformEdgesResult result =
         conform_edges(thinned.boundaries, dense.mesh.points, silent_context());

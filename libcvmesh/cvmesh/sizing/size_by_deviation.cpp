@@ -24,7 +24,7 @@ constexpr double kReach = 0.75;
 // Over the reach: side of the cells whose facets are taken together.
 constexpr double kCell = 1.0 / 3;
 // Over the median deviation: regions flatter than this count as this.
-constexpr double kFlattest = 0.85;
+constexpr double kFlattest = 0.7;
 
 // Facets of one patch in one cell whose normals point into one octant, so that two walls in a cell
 // stay apart.

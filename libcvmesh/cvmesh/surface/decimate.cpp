@@ -130,10 +130,13 @@ class RemovalPlanner {
   void gather_samples(std::int32_t vertex, const Sheet& sheet, RingProblem& problem) const {
     problem.samples.push_back(surfaces_.points()[vertex]);
     Vec3 normal;
+    double area = 0;
     for (const auto f : sheet.facets) {
       const auto& v = surfaces_.facets()[f].vertices;
       const auto& p = surfaces_.points();
-      normal += area_vector2(p[v[0]], p[v[1]], p[v[2]]);
+      const Vec3 twice = area_vector2(p[v[0]], p[v[1]], p[v[2]]);
+      normal += twice;
+      area += norm(twice) / 2;
       std::size_t count = 0;
       surfaces_.for_each_sample(f, [&](const Vec3&) { ++count; });
       const std::size_t stride = (count + kRankingSamples - 1) / kRankingSamples;
@@ -143,6 +146,7 @@ class RemovalPlanner {
       });
     }
     problem.normal = normalized(normal);
+    problem.spacing_mm = std::sqrt(area / static_cast<double>(problem.samples.size()));
   }
 
   [[nodiscard]] static int place_in(const Sheet& sheet, std::int32_t vertex) {

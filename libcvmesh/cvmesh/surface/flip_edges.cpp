@@ -6,7 +6,10 @@
 
 #include <algorithm>
 #include <array>
+#include <optional>
+#include <set>
 #include <utility>
+#include <vector>
 
 namespace cvmesh {
 namespace {
@@ -17,51 +20,114 @@ constexpr double kLeastGain = 1e-9;
 constexpr double kMinFoldCosine = -0.94;
 constexpr double kMinQuality = 1e-3;
 
+// A flip as it would be: edge a-b of facets (a, b, c) and (b, a, d) becomes c-d.
+struct Flip {
+  std::int32_t first, second, a, b, c, d;
+  std::array<VertexTriple, 2> after;
+  std::array<Vec3, 4> outer;  // normals across (b, c), (c, a), (a, d), (d, b)
+  double cost_before, cost_after;
+
+  [[nodiscard]] double gain() const { return cost_before - cost_after; }
+};
+
 class Flipper {
  public:
   Flipper(MaterialSurfaces& surfaces, double voxel_mm, double deviation_mm)
       : surfaces_(surfaces),
         index_(index_facets(surfaces, voxel_mm)),
         guard_(surfaces, index_),
-        objective_{deviation_mm} {}
+        objective_{deviation_mm},
+        spacing_mm_(voxel_mm) {}
 
   enum class Outcome { Flipped, NoGain, Refused };
 
   Outcome try_flip(std::int32_t a, std::int32_t b) {
-    std::int32_t first = -1, second = -1;
-    if (!surfaces_.facets_of_edge(a, b, first, second)) return Outcome::NoGain;
-    const std::int32_t c = across(first, a, b), d = across(second, a, b);
-    const std::array<VertexTriple, 2> before{{{a, b, c}, {b, a, d}}};
-    const std::array<VertexTriple, 2> after{{{a, d, c}, {d, b, c}}};
-    // before: as the facets carry their samples; after: as `MaterialSurfaces` will hand them out
-    samples_.clear();
-    std::array<double, 2> farthest_before{}, farthest_after{};
-    for (int f = 0; f < 2; ++f)
-      surfaces_.for_each_sample(f == 0 ? first : second, [&](const Vec3& s) {
-        samples_.push_back(s);
-        farthest_before[f] = std::max(farthest_before[f], distance_to(s, before[f]));
-      });
-    for (const Vec3& s : samples_) {
-      const double to_first = distance_to(s, after[0]), to_second = distance_to(s, after[1]);
-      const int nearest = to_first <= to_second ? 0 : 1;
-      farthest_after[nearest] = std::max(farthest_after[nearest], std::min(to_first, to_second));
-    }
-    // outer sides: (b, c) and (c, a) of the first facet, (a, d) and (d, b) of the second
-    const std::array<Vec3, 4> outer{normal_across(b, c, first), normal_across(c, a, first),
-                                    normal_across(a, d, second), normal_across(d, b, second)};
-    const double cost_before = cost(before, farthest_before, {0, 1, 2, 3}, outer);
-    const double cost_after = cost(after, farthest_after, {2, 1, 3, 0}, outer);
-    if (!(cost_after < cost_before - kLeastGain)) return Outcome::NoGain;
-    if (!is_allowed(a, b, c, d, first, second, after, outer)) return Outcome::Refused;
-    for (const auto f : {first, second})
-      index_.remove(f);
-    surfaces_.flip_edge(a, b);
-    for (const auto f : {first, second})
-      insert_facet(surfaces_, f, index_);
+    const auto flip = evaluate(a, b);
+    if (!flip || !(flip->gain() > kLeastGain)) return Outcome::NoGain;
+    if (!is_allowed(*flip)) return Outcome::Refused;
+    carry_out(*flip);
     return Outcome::Flipped;
   }
 
+  // Out of a valley that no single flip leaves: a flip that costs, and one beside it that makes
+  // good for both. Only where there is something to gain.
+  Outcome try_pair(std::int32_t a, std::int32_t b) {
+    constexpr double kWorthTrying = 0.5;  // a facet of quality 0.5, or one at 1.7 tau
+    const auto first = evaluate(a, b);
+    if (!first || first->cost_before < kWorthTrying || !is_allowed(*first)) return Outcome::NoGain;
+    carry_out(*first);
+    std::optional<Flip> best;
+    const std::array<std::pair<std::int32_t, std::int32_t>, 4> sides{
+        {{first->b, first->c}, {first->c, first->a}, {first->a, first->d}, {first->d, first->b}}};
+    for (const auto& [u, v] : sides) {
+      const auto second = evaluate(u, v);
+      const double least = best ? best->gain() : kLeastGain - first->gain();
+      if (second && second->gain() > least && is_allowed(*second)) best = second;
+    }
+    carry_out(best ? *best : *evaluate(first->c, first->d));  // or back again
+    return best ? Outcome::Flipped : Outcome::NoGain;
+  }
+
+  /// Facets of the vertex changed in this pass or the one before.
+  [[nodiscard]] bool is_touched(std::int32_t vertex) const {
+    return touched_[static_cast<std::size_t>(vertex)] + 1 >= pass_;
+  }
+
+  void begin_pass() {
+    ++pass_;
+    touched_.resize(surfaces_.points().size(), 0);
+  }
+
  private:
+  // What flipping edge a-b would change; nothing where it is no edge inside a patch.
+  std::optional<Flip> evaluate(std::int32_t a, std::int32_t b) {
+    Flip flip{};
+    if (!surfaces_.facets_of_edge(a, b, flip.first, flip.second)) return std::nullopt;
+    const std::int32_t c = across(flip.first, a, b), d = across(flip.second, a, b);
+    flip.a = a;
+    flip.b = b;
+    flip.c = c;
+    flip.d = d;
+    const std::array<VertexTriple, 2> before{{{a, b, c}, {b, a, d}}};
+    flip.after = {{{a, d, c}, {d, b, c}}};
+    // before: as the facets carry their samples; after: as `MaterialSurfaces` will hand them out
+    std::array<double, 2> farthest_before{}, farthest_after{};
+    samples_.clear();
+    for (int f = 0; f < 2; ++f)
+      surfaces_.for_each_sample(f == 0 ? flip.first : flip.second, [&](const Vec3& s) {
+        samples_.push_back(s);
+        farthest_before[f] = std::max(farthest_before[f], distance_to(s, before[f]));
+        const double to_first = distance_to(s, flip.after[0]);
+        const double to_second = distance_to(s, flip.after[1]);
+        const int nearest = to_first <= to_second ? 0 : 1;
+        farthest_after[nearest] = std::max(farthest_after[nearest], std::min(to_first, to_second));
+      });
+    for (int f = 0; f < 2; ++f) {
+      farthest_before[f] = std::max(farthest_before[f], bridge(before[f]));
+      farthest_after[f] = std::max(farthest_after[f], bridge(flip.after[f]));
+    }
+    flip.outer = {normal_across(b, c, flip.first), normal_across(c, a, flip.first),
+                  normal_across(a, d, flip.second), normal_across(d, b, flip.second)};
+    flip.cost_before = cost(before, farthest_before, {0, 1, 2, 3}, flip.outer);
+    flip.cost_after = cost(flip.after, farthest_after, {2, 1, 3, 0}, flip.outer);
+    return flip;
+  }
+
+  [[nodiscard]] double bridge(const VertexTriple& t) const {
+    const auto& p = surfaces_.points();
+    return objective_.bridge_mm(p[t[0]], p[t[1]], p[t[2]], samples_, spacing_mm_);
+  }
+
+  void carry_out(const Flip& flip) {
+    for (const auto f : {flip.first, flip.second})
+      index_.remove(f);
+    surfaces_.flip_edge(flip.a, flip.b);
+    for (const auto f : {flip.first, flip.second})
+      insert_facet(surfaces_, f, index_);
+    for (const auto v : {flip.a, flip.b, flip.c, flip.d})
+      touched_[static_cast<std::size_t>(v)] = pass_;
+  }
+
   [[nodiscard]] std::int32_t across(std::int32_t facet, std::int32_t a, std::int32_t b) const {
     for (const auto v : surfaces_.facets()[facet].vertices)
       if (v != a && v != b) return v;
@@ -106,14 +172,8 @@ class Flipper {
     return sum + SurfaceObjective::fold_term(normal[0], normal[1]);
   }
 
-  bool is_allowed(std::int32_t a,
-                  std::int32_t b,
-                  std::int32_t c,
-                  std::int32_t d,
-                  std::int32_t first,
-                  std::int32_t second,
-                  const std::array<VertexTriple, 2>& after,
-                  const std::array<Vec3, 4>& outer) {
+  bool is_allowed(const Flip& flip) {
+    const auto [first, second, a, b, c, d, after, outer, cost_before, cost_after] = flip;
     const auto& p = surfaces_.points();
     for (const auto& t : after)
       if (triangle_quality(p[t[0]], p[t[1]], p[t[2]]) < kMinQuality) return false;
@@ -143,7 +203,10 @@ class Flipper {
   FacetIndex index_;
   EmbeddingGuard guard_;
   SurfaceObjective objective_;
+  double spacing_mm_;  // of dense vertices, at most
   std::vector<Vec3> samples_;
+  int pass_ = 0;
+  std::vector<int> touched_;  // per vertex: the last pass that changed its facets
 };
 
 using Edge = std::pair<std::int32_t, std::int32_t>;
@@ -170,19 +233,38 @@ FlipEdgesResult flip_edges(MaterialSurfaces surfaces,
   FlipEdgesResult result;
   {
     Flipper flipper(surfaces, voxel_mm, options.deviation_vox * voxel_mm);
-    for (std::size_t flips = 1; flips > 0 && result.stats.passes < options.max_passes;) {
-      flips = 0;
-      result.stats.refused = 0;
-      for (const auto& [a, b] : list_edges(surfaces)) {
-        const auto outcome = flipper.try_flip(a, b);
-        if (outcome == Flipper::Outcome::Flipped) ++flips;
-        if (outcome == Flipper::Outcome::Refused) ++result.stats.refused;
+    using Outcome = Flipper::Outcome;
+    std::set<Edge> refused;
+    // Edges around which nothing has changed since they were last looked at are not looked at.
+    const auto run_pass = [&](bool by_pairs, bool all) {
+      flipper.begin_pass();
+      std::size_t flips = 0;
+      for (const Edge& edge : list_edges(surfaces)) {
+        const auto [a, b] = edge;
+        if (!all && !flipper.is_touched(a) && !flipper.is_touched(b) && !refused.contains(edge))
+          continue;
+        const Outcome outcome = by_pairs ? flipper.try_pair(a, b) : flipper.try_flip(a, b);
+        if (outcome == Outcome::Flipped) flips += by_pairs ? 2 : 1;
+        if (by_pairs) continue;
+        if (outcome == Outcome::Refused)
+          refused.insert(edge);
+        else
+          refused.erase(edge);
       }
       result.stats.flips += flips;
       ++result.stats.passes;
       report_progress(context, "edge flipping",
                       static_cast<double>(result.stats.passes) / options.max_passes);
+      return flips;
+    };
+    // Single flips until none is left, then one pass of pairs, and so on.
+    for (bool is_first = true; result.stats.passes < options.max_passes; is_first = false) {
+      bool all = is_first;
+      while (result.stats.passes < options.max_passes && run_pass(false, all) > 0)
+        all = false;
+      if (result.stats.passes + 1 >= options.max_passes || run_pass(true, is_first) == 0) break;
     }
+    result.stats.refused = refused.size();
   }
   result.surfaces = std::move(surfaces);
   return result;

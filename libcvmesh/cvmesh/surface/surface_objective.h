@@ -5,6 +5,8 @@
 #include "cvmesh/mesh/material_surfaces.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 namespace cvmesh {
 
@@ -13,7 +15,7 @@ namespace cvmesh {
 ///     max(0, d / tau - 1)^2 + kShapeWeight (1 / q - 1)      per facet
 ///     kFoldWeight max(0, kFoldCosine - cos)^2               per edge inside a patch
 ///
-/// d is the distance of the dense samples that the facet stands for to the facet, q its shape 2r/R,
+/// d is the two-sided distance between the facet and the dense samples there, q its shape 2r/R,
 /// cos the cosine between the normals of the two facets of an edge. While the distance is below the
 /// tolerance tau shape rules, beyond it the distance does.
 struct SurfaceObjective {
@@ -36,6 +38,30 @@ struct SurfaceObjective {
                                   double distance_mm) const {
     const double excess = std::max(0.0, distance_mm / deviation_mm - 1);
     return excess * excess + shape_term(triangle_quality(a, b, c));
+  }
+
+  /// The other direction: how far the middle of a facet and that of its longest edge are from the
+  /// nearest sample, less the `spacing_mm` of the samples. A facet that bridges a gap has no
+  /// samples beneath it that would tell. 0 for facets too short to bridge anything.
+  template <typename Samples>
+  [[nodiscard]] double bridge_mm(const Vec3& a,
+                                 const Vec3& b,
+                                 const Vec3& c,
+                                 const Samples& samples,
+                                 double spacing_mm) const {
+    const double ab = squared_norm(b - a), bc = squared_norm(c - b), ca = squared_norm(a - c);
+    const double longest = std::max({ab, bc, ca});
+    constexpr double kShort = 16;  // over tau: a fold of such edges is hardly deeper than 4 tau
+    if (samples.empty() || longest < kShort * kShort * deviation_mm * deviation_mm) return 0;
+    const Vec3 side = longest == ab ? a + b : longest == bc ? b + c : c + a;
+    double farthest = 0;
+    for (const Vec3& probe : {(a + b + c) / 3, 0.5 * side}) {
+      double nearest = std::numeric_limits<double>::infinity();
+      for (const Vec3& s : samples)
+        nearest = std::min(nearest, squared_norm(s - probe));
+      farthest = std::max(farthest, nearest);
+    }
+    return std::max(0.0, std::sqrt(farthest) - spacing_mm);
   }
 
   [[nodiscard]] static double shape_term(double quality) {

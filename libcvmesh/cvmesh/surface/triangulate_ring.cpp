@@ -101,6 +101,8 @@ class RingSolver {
       if (cross2(fa, fb, f) < 0 || cross2(fb, fc, f) < 0 || cross2(fc, fa, f) < 0) continue;
       farthest = std::max(farthest, std::abs(dot(normal, problem_.samples[s] - a)));
     }
+    farthest =
+        std::max(farthest, objective_.bridge_mm(a, b, c, problem_.samples, problem_.spacing_mm));
     cost += objective_.facet_term(a, b, c, farthest);
     return true;
   }

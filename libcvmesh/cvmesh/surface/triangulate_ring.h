@@ -24,6 +24,7 @@ struct RingProblem {
   std::vector<std::uint64_t> forbidden_edges;  ///< bit j of entry i: edge i-j exists elsewhere
   std::vector<std::array<std::uint8_t, 3>> forbidden_triangles;
   std::vector<Vec3> samples;  ///< dense points that the triangles should stay near
+  double spacing_mm = 0;      ///< of the samples: how far the nearest one may be without meaning
 
   /// Empties the problem for a ring of n vertices, keeping its memory.
   void clear(std::size_t n) {
@@ -32,6 +33,7 @@ struct RingProblem {
     forbidden_edges.assign(n, 0);
     forbidden_triangles.clear();
     samples.clear();
+    spacing_mm = 0;
   }
 };
 
