@@ -3,12 +3,18 @@
 #include "cvmesh/mesh/validate.h"
 #include "cvmesh/surface/decimate.h"
 #include "cvmesh/surface/flip_edges.h"
+#include "cvmesh/surface/surface_objective.h"
+
+#include <tbb/task_arena.h>
 
 #include "support/catch.h"
 #include "support/phantoms.h"
 #include "surface/dense_phantoms.h"
 #include <algorithm>
 #include <cmath>
+#include <numeric>
+#include <utility>
+#include <vector>
 
 using namespace cvmesh;
 using dense_phantoms::DensePhantom;
@@ -41,6 +47,33 @@ TEST_CASE("decimate: keeps topology, closedness and embedding on every phantom a
       const auto chosen = static_cast<std::size_t>(std::count(keep.begin(), keep.end(), true));
       REQUIRE(result.surfaces.vertex_count() == chosen + result.stats.kept.size());
     }
+  }
+}
+
+TEST_CASE("decimate: every single removal keeps every invariant", "[surface][property]") {
+  for (const auto& volume : {phantoms::three_material_wedge(100, 3), phantoms::torus(3, 1.3)}) {
+    const DensePhantom dense = dense_phantoms::make(volume);
+    MaterialSurfaces surfaces(dense.mesh, dense.material_count);
+    // one vertex after the other, in a fixed order that jumps about
+    const std::size_t n = dense.mesh.points.size(), step = 377;
+    REQUIRE(std::gcd(n, step) == 1);
+    std::size_t removed = 0, kept = 0;
+    for (std::size_t k = 0; k < n; ++k) {
+      std::vector<bool> keep(n, true);
+      keep[k * step % n] = false;
+      DecimateResult result =
+          decimate(std::move(surfaces), keep, dense.voxel_mm, {}, silent_context());
+      removed += result.stats.removed;
+      kept += result.stats.kept.size();
+      surfaces = std::move(result.surfaces);
+      const Validation validation = surfaces.validate();
+      INFO(validation.summary());
+      REQUIRE(validation.is_valid());
+      dense_phantoms::require_same_topology(surfaces.to_interface_mesh(), dense);
+    }
+    CHECK(removed + kept == n);
+    // corners, and the few vertices that hold the topology
+    CHECK(20 * kept < n);
   }
 }
 
@@ -106,6 +139,41 @@ TEST_CASE("decimate: equal seeds give equal meshes, other seeds other meshes",
   CHECK(a.points == b.points);
   CHECK(a.facets == b.facets);
   CHECK(a.facets != c.facets);
+}
+
+TEST_CASE("decimate, flip_edges: the number of threads changes no byte", "[surface][determinism]") {
+  const DensePhantom dense = dense_phantoms::make(phantoms::three_material_wedge(80, 12));
+  const auto keep = dense_phantoms::random_choice(dense.strata, 0.05, 1);
+  const auto with = [&](int threads) {
+    InterfaceMesh mesh;
+    tbb::task_arena(threads).execute([&] {
+      auto flipped =
+          flip_edges(thin_out(dense, keep).surfaces, dense.voxel_mm, {}, silent_context());
+      mesh = flipped.surfaces.to_interface_mesh();
+    });
+    return mesh;
+  };
+  const InterfaceMesh one = with(1), four = with(4);
+  CHECK(one.points == four.points);
+  CHECK(one.facets == four.facets);
+  CHECK(one.patch_of == four.patch_of);
+}
+
+TEST_CASE("SurfaceObjective: a facet that bridges a gap is far from the samples",
+          "[surface][unit]") {
+  // a valley 6 deep and 8 wide, sampled at distance 1, and a lid over it
+  const SurfaceObjective objective{0.25};
+  std::vector<Vec3> samples;
+  for (int x = -8; x <= 8; ++x)
+    for (int y = -8; y <= 8; ++y)
+      samples.push_back({double(x), double(y), std::abs(x) < 4 ? -6 + 1.5 * std::abs(x) : 0.0});
+  const double lid = objective.bridge_mm({-4, -4, 0}, {4, -4, 0}, {0, 4, 0}, samples, 1);
+  CHECK(lid > 2);
+  const double wall = objective.bridge_mm({0, -4, -6}, {4, 0, 0}, {0, 4, -6}, samples, 1);
+  CHECK(wall == 0);
+  // too short to bridge anything that matters
+  CHECK(objective.bridge_mm({0, 0, 9}, {1, 0, 9}, {0, 1, 9}, samples, 1) == 0);
+  CHECK(objective.bridge_mm({-4, -4, 0}, {4, -4, 0}, {0, 4, 0}, std::vector<Vec3>{}, 1) == 0);
 }
 
 TEST_CASE("flip_edges: keeps every invariant and leaves nothing to gain", "[surface][property]") {

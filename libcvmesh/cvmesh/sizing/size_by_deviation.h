@@ -12,11 +12,10 @@ namespace cvmesh {
 ///
 /// A facet with edges h lies off a surface of curvature kappa by an amount that goes with
 /// kappa h^2, and takes h^2 of area; the mean distance of a given number of facets is smallest
-/// where kappa h^4 is the same everywhere, by Lagrange's multiplier [D'Azevedo & Simpson 1991, for
-/// the exponent of other norms]. Here kappa is not that of a point, which on voxel data is noise
-/// at the scale of a facet, but what a facet will see: how far the surface of one patch lies off
-/// its own best plane, within a facet's reach. Nearly flat regions are not told apart by what is
-/// left of their noise.
+/// where kappa h^4 is the same everywhere, by Lagrange's multiplier [Chen 2007]. Here kappa is not
+/// that of a point, which on voxel data is noise at the scale of a facet, but what a facet will
+/// see: how far the surface of one patch lies off its own best plane, within a facet's reach.
+/// Nearly flat regions are not told apart by what is left of their noise.
 ///
 /// Rotation-invariant up to the cells it is gathered in; O(facets log facets); parallel.
 /// @param voxel_mm  finest reach
