@@ -508,6 +508,22 @@ void MaterialSurfaces::add_sample(std::int32_t facet, const Vec3& position) {
   facets_[facet].first_sample = static_cast<std::int32_t>(samples_.size() - 1);
 }
 
+std::vector<std::int32_t> MaterialSurfaces::samples_of(std::int32_t facet) const {
+  std::vector<std::int32_t> samples;
+  for (auto s = facets_[facet].first_sample; s >= 0; s = next_sample_[s])
+    samples.push_back(s);
+  return samples;
+}
+
+void MaterialSurfaces::set_samples(std::int32_t facet, std::span<const std::int32_t> samples) {
+  std::int32_t head = -1;
+  for (auto s = samples.rbegin(); s != samples.rend(); ++s) {
+    next_sample_[*s] = head;
+    head = *s;
+  }
+  facets_[facet].first_sample = head;
+}
+
 InterfaceMesh MaterialSurfaces::to_interface_mesh(std::vector<std::int32_t>* vertex_ids) const {
   InterfaceMesh mesh;
   std::vector<std::int32_t> compact(points_.size(), -1);

@@ -134,6 +134,16 @@ class MaterialSurfaces {
       visit(samples_[s]);
   }
 
+  /// All samples, by id.
+  [[nodiscard]] const std::vector<Vec3>& samples() const { return samples_; }
+
+  /// Which samples a facet carries, by their ids.
+  [[nodiscard]] std::vector<std::int32_t> samples_of(std::int32_t facet) const;
+
+  /// Makes a facet carry these samples instead of those it has: for handing the samples of some
+  /// facets out anew among them, each to one facet.
+  void set_samples(std::int32_t facet, std::span<const std::int32_t> samples);
+
   /// Flat copy, facets in order of (patch, vertices), vertices in order of their ids.
   /// @param vertex_ids  if given, filled with the id in this object of every point of the copy
   [[nodiscard]] InterfaceMesh to_interface_mesh(

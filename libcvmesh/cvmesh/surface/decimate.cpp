@@ -5,6 +5,7 @@
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/core/random.h"
 #include "cvmesh/surface/embedding_guard.h"
+#include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/surface/triangulate_ring.h"
 
 #include <spdlog/spdlog.h>
@@ -427,6 +428,12 @@ std::vector<std::int32_t> random_queue(const MaterialSurfaces& surfaces,
   return queue;
 }
 
+// The same without reports of progress: those of a stage in a stage would begin anew.
+StageContext silent(StageContext context) {
+  context.progress = nullptr;
+  return context;
+}
+
 }  // namespace
 
 DecimateResult decimate(MaterialSurfaces surfaces,
@@ -440,34 +447,48 @@ DecimateResult decimate(MaterialSurfaces surfaces,
   std::array<std::size_t, kRefusalNames.size()> refusals{};
   std::vector<Refusal> reason(keep.size(), Refusal::None);
 
+  // Tries all that is in the queue; what was refused is in the queue afterwards.
+  const auto run_pass = [&](Decimator& decimator, const RingLimits& limits) {
+    std::vector<std::int32_t> deferred;
+    std::size_t tried = 0;
+    decimator.try_each(queue, limits, [&](std::int32_t vertex, Refusal refusal) {
+      reason[vertex] = refusal;
+      if (refusal == Refusal::None) {
+        ++result.stats.removed;
+      } else {
+        ++refusals[static_cast<std::size_t>(refusal)];
+        deferred.push_back(vertex);
+      }
+      if (tried++ % 4096 == 0)
+        report_progress(context, "decimation",
+                        static_cast<double>(result.stats.removed) /
+                            static_cast<double>(std::max<std::size_t>(total, 1)));
+    });
+    ++result.stats.passes;
+    result.stats.deferrals += deferred.size();
+    context.log->debug("decimation: quality of {} and more, {} of {} left, {} plans so far",
+                       limits.min_quality, deferred.size(), queue.size(), decimator.planned());
+    const std::size_t gone = queue.size() - deferred.size();
+    queue = std::move(deferred);
+    return gone;
+  };
+
   {
     Decimator decimator(surfaces, voxel_mm, options.deviation_vox * voxel_mm);
-    std::size_t pass = 0;
-    while (pass < kPasses.size() && !queue.empty()) {
-      std::vector<std::int32_t> deferred;
-      std::size_t tried = 0;
-      decimator.try_each(queue, kPasses[pass], [&](std::int32_t vertex, Refusal refusal) {
-        reason[vertex] = refusal;
-        if (refusal == Refusal::None) {
-          ++result.stats.removed;
-        } else {
-          ++refusals[static_cast<std::size_t>(refusal)];
-          deferred.push_back(vertex);
-        }
-        if (tried++ % 4096 == 0)
-          report_progress(context, "decimation",
-                          static_cast<double>(result.stats.removed) /
-                              static_cast<double>(std::max<std::size_t>(total, 1)));
-      });
-      ++result.stats.passes;
-      result.stats.deferrals += deferred.size();
-      context.log->debug("decimation: limits {}, {} of {} left, {} plans so far", pass,
-                         deferred.size(), queue.size(), decimator.planned());
+    for (const RingLimits& limits : kPasses) {
       // the same limits again while they still help one in fifty
-      const bool has_stalled = deferred.size() + queue.size() / 50 + 1 > queue.size();
-      queue = std::move(deferred);
-      if (has_stalled) ++pass;
+      for (std::size_t before = queue.size();
+           before > 0 && run_pass(decimator, limits) > before / 50 + 1; before = queue.size()) {
+      }
     }
+  }
+  // What is stuck may go once the edges around it are better ones.
+  for (bool has_helped = true; has_helped && !queue.empty();) {
+    FlipEdgesResult flipped = flip_edges(std::move(surfaces), voxel_mm,
+                                         {.deviation_vox = options.deviation_vox}, silent(context));
+    surfaces = std::move(flipped.surfaces);
+    Decimator decimator(surfaces, voxel_mm, options.deviation_vox * voxel_mm);
+    has_helped = run_pass(decimator, kPasses.back()) > 0;
   }
 
   for (std::size_t r = 1; r < refusals.size(); ++r)

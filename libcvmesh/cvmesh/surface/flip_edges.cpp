@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/surface/flip_edges.h"
 
+#include "cvmesh/mesh/neighbour_tree.h"
 #include "cvmesh/surface/embedding_guard.h"
 #include "cvmesh/surface/surface_objective.h"
 
@@ -37,7 +38,8 @@ class Flipper {
         index_(index_facets(surfaces, voxel_mm)),
         guard_(surfaces, index_),
         objective_{deviation_mm},
-        spacing_mm_(voxel_mm) {}
+        spacing_mm_(voxel_mm),
+        samples_(surfaces.samples()) {}
 
   enum class Outcome { Flipped, NoGain, Refused };
 
@@ -45,6 +47,7 @@ class Flipper {
     const auto flip = evaluate(a, b);
     if (!flip || !(flip->gain() > kLeastGain)) return Outcome::NoGain;
     if (!is_allowed(*flip)) return Outcome::Refused;
+    touch(*flip);
     carry_out(*flip);
     return Outcome::Flipped;
   }
@@ -55,6 +58,8 @@ class Flipper {
     constexpr double kWorthTrying = 0.5;  // a facet of quality 0.5, or one at 1.7 tau
     const auto first = evaluate(a, b);
     if (!first || first->cost_before < kWorthTrying || !is_allowed(*first)) return Outcome::NoGain;
+    const auto of_first = surfaces_.samples_of(first->first);
+    const auto of_second = surfaces_.samples_of(first->second);
     carry_out(*first);
     std::optional<Flip> best;
     const std::array<std::pair<std::int32_t, std::int32_t>, 4> sides{
@@ -64,8 +69,17 @@ class Flipper {
       const double least = best ? best->gain() : kLeastGain - first->gain();
       if (second && second->gain() > least && is_allowed(*second)) best = second;
     }
-    carry_out(best ? *best : *evaluate(first->c, first->d));  // or back again
-    return best ? Outcome::Flipped : Outcome::NoGain;
+    if (best) {
+      touch(*first);
+      touch(*best);
+      carry_out(*best);
+      return Outcome::Flipped;
+    }
+    // back to what was there, to the last sample; the facets have changed their numbers
+    carry_out(*evaluate(first->c, first->d));
+    surfaces_.set_samples(first->second, of_first);
+    surfaces_.set_samples(first->first, of_second);
+    return Outcome::NoGain;
   }
 
   /// Facets of the vertex changed in this pass or the one before.
@@ -92,10 +106,8 @@ class Flipper {
     flip.after = {{{a, d, c}, {d, b, c}}};
     // before: as the facets carry their samples; after: as `MaterialSurfaces` will hand them out
     std::array<double, 2> farthest_before{}, farthest_after{};
-    samples_.clear();
     for (int f = 0; f < 2; ++f)
       surfaces_.for_each_sample(f == 0 ? flip.first : flip.second, [&](const Vec3& s) {
-        samples_.push_back(s);
         farthest_before[f] = std::max(farthest_before[f], distance_to(s, before[f]));
         const double to_first = distance_to(s, flip.after[0]);
         const double to_second = distance_to(s, flip.after[1]);
@@ -113,9 +125,15 @@ class Flipper {
     return flip;
   }
 
-  [[nodiscard]] double bridge(const VertexTriple& t) const {
+  // Of all samples, so that it depends on the facet alone: what is minimised is one function, and
+  // the descent ends.
+  [[nodiscard]] double bridge(const VertexTriple& t) {
     const auto& p = surfaces_.points();
-    return objective_.bridge_mm(p[t[0]], p[t[1]], p[t[2]], samples_, spacing_mm_);
+    const auto nearest_mm2 = [&](const Vec3& probe) {
+      samples_.nearest(probe, 1, nearest_);
+      return nearest_.empty() ? 0 : squared_norm(surfaces_.samples()[nearest_.front()] - probe);
+    };
+    return objective_.bridge_mm(p[t[0]], p[t[1]], p[t[2]], nearest_mm2, spacing_mm_);
   }
 
   void carry_out(const Flip& flip) {
@@ -124,6 +142,9 @@ class Flipper {
     surfaces_.flip_edge(flip.a, flip.b);
     for (const auto f : {flip.first, flip.second})
       insert_facet(surfaces_, f, index_);
+  }
+
+  void touch(const Flip& flip) {
     for (const auto v : {flip.a, flip.b, flip.c, flip.d})
       touched_[static_cast<std::size_t>(v)] = pass_;
   }
@@ -204,7 +225,8 @@ class Flipper {
   EmbeddingGuard guard_;
   SurfaceObjective objective_;
   double spacing_mm_;  // of dense vertices, at most
-  std::vector<Vec3> samples_;
+  NeighbourTree samples_;
+  std::vector<std::int32_t> nearest_;
   int pass_ = 0;
   std::vector<int> touched_;  // per vertex: the last pass that changed its facets
 };
@@ -257,12 +279,14 @@ FlipEdgesResult flip_edges(MaterialSurfaces surfaces,
                       static_cast<double>(result.stats.passes) / options.max_passes);
       return flips;
     };
-    // Single flips until none is left, then one pass of pairs, and so on.
-    for (bool is_first = true; result.stats.passes < options.max_passes; is_first = false) {
-      bool all = is_first;
-      while (result.stats.passes < options.max_passes && run_pass(false, all) > 0)
-        all = false;
-      if (result.stats.passes + 1 >= options.max_passes || run_pass(true, is_first) == 0) break;
+    // Single flips until none is left, then one pass of pairs, and so on. Pairs reach farther than
+    // what a flip marks as touched, so they are looked for everywhere.
+    bool all = true;
+    while (result.stats.passes < options.max_passes) {
+      const std::size_t flips = run_pass(false, all);
+      all = false;
+      if (flips > 0) continue;
+      if (result.stats.passes + 1 >= options.max_passes || run_pass(true, true) == 0) break;
     }
     result.stats.refused = refused.size();
   }

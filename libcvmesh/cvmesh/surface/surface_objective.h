@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace cvmesh {
 
@@ -30,7 +29,7 @@ struct SurfaceObjective {
   /// tau, in mm. The same for all facets: a tolerance that grows with a facet's own edges rewards
   /// long, poor facets with less regard for their distance (bunny at 558 vertices, tau of at least
   /// a twelfth of the edges: 0.48 voxel from the dense surface instead of 0.43).
-  double deviation_mm = 0.25;
+  double deviation_mm = 0.2;
 
   [[nodiscard]] double facet_term(const Vec3& a,
                                   const Vec3& b,
@@ -43,24 +42,19 @@ struct SurfaceObjective {
   /// The other direction: how far the middle of a facet and that of its longest edge are from the
   /// nearest sample, less the `spacing_mm` of the samples. A facet that bridges a gap has no
   /// samples beneath it that would tell. 0 for facets too short to bridge anything.
-  template <typename Samples>
+  /// @param nearest_mm2  squared distance of a point to the nearest sample
+  template <typename Nearest>
   [[nodiscard]] double bridge_mm(const Vec3& a,
                                  const Vec3& b,
                                  const Vec3& c,
-                                 const Samples& samples,
+                                 const Nearest& nearest_mm2,
                                  double spacing_mm) const {
     const double ab = squared_norm(b - a), bc = squared_norm(c - b), ca = squared_norm(a - c);
     const double longest = std::max({ab, bc, ca});
     constexpr double kShort = 16;  // over tau: a fold of such edges is hardly deeper than 4 tau
-    if (samples.empty() || longest < kShort * kShort * deviation_mm * deviation_mm) return 0;
+    if (longest < kShort * kShort * deviation_mm * deviation_mm) return 0;
     const Vec3 side = longest == ab ? a + b : longest == bc ? b + c : c + a;
-    double farthest = 0;
-    for (const Vec3& probe : {(a + b + c) / 3, 0.5 * side}) {
-      double nearest = std::numeric_limits<double>::infinity();
-      for (const Vec3& s : samples)
-        nearest = std::min(nearest, squared_norm(s - probe));
-      farthest = std::max(farthest, nearest);
-    }
+    const double farthest = std::max(nearest_mm2((a + b + c) / 3), nearest_mm2(0.5 * side));
     return std::max(0.0, std::sqrt(farthest) - spacing_mm);
   }
 

@@ -101,8 +101,13 @@ class RingSolver {
       if (cross2(fa, fb, f) < 0 || cross2(fb, fc, f) < 0 || cross2(fc, fa, f) < 0) continue;
       farthest = std::max(farthest, std::abs(dot(normal, problem_.samples[s] - a)));
     }
-    farthest =
-        std::max(farthest, objective_.bridge_mm(a, b, c, problem_.samples, problem_.spacing_mm));
+    const auto nearest_mm2 = [&](const Vec3& p) {
+      double nearest = kImpossible;
+      for (const Vec3& sample : problem_.samples)
+        nearest = std::min(nearest, squared_norm(sample - p));
+      return problem_.samples.empty() ? 0 : nearest;
+    };
+    farthest = std::max(farthest, objective_.bridge_mm(a, b, c, nearest_mm2, problem_.spacing_mm));
     cost += objective_.facet_term(a, b, c, farthest);
     return true;
   }
