@@ -5,7 +5,6 @@
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/core/random.h"
 #include "cvmesh/surface/embedding_guard.h"
-#include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/surface/triangulate_ring.h"
 
 #include <spdlog/spdlog.h>
@@ -428,12 +427,6 @@ std::vector<std::int32_t> random_queue(const MaterialSurfaces& surfaces,
   return queue;
 }
 
-// The same without reports of progress: those of a stage in a stage would begin anew.
-StageContext silent(StageContext context) {
-  context.progress = nullptr;
-  return context;
-}
-
 }  // namespace
 
 DecimateResult decimate(MaterialSurfaces surfaces,
@@ -482,15 +475,6 @@ DecimateResult decimate(MaterialSurfaces surfaces,
       }
     }
   }
-  // What is stuck may go once the edges around it are better ones.
-  for (bool has_helped = true; has_helped && !queue.empty();) {
-    FlipEdgesResult flipped = flip_edges(std::move(surfaces), voxel_mm,
-                                         {.deviation_vox = options.deviation_vox}, silent(context));
-    surfaces = std::move(flipped.surfaces);
-    Decimator decimator(surfaces, voxel_mm, options.deviation_vox * voxel_mm);
-    has_helped = run_pass(decimator, kPasses.back()) > 0;
-  }
-
   for (std::size_t r = 1; r < refusals.size(); ++r)
     if (refusals[r] > 0) result.stats.refusals[kRefusalNames[r]] = refusals[r];
   std::sort(queue.begin(), queue.end());

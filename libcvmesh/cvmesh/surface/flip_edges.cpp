@@ -55,9 +55,12 @@ class Flipper {
   // Out of a valley that no single flip leaves: a flip that costs, and one beside it that makes
   // good for both. Only where there is something to gain.
   Outcome try_pair(std::int32_t a, std::int32_t b) {
-    constexpr double kWorthTrying = 0.5;  // a facet of quality 0.5, or one at 1.7 tau
+    constexpr double kWorthTrying = 1;  // two facets of quality 0.5, or one at twice tau
+    constexpr double kMostRise = 1.5;   // one flip beside it makes good for no more
     const auto first = evaluate(a, b);
-    if (!first || first->cost_before < kWorthTrying || !is_allowed(*first)) return Outcome::NoGain;
+    if (!first || first->cost_before < kWorthTrying ||
+        first->cost_after > kMostRise * first->cost_before || !is_allowed(*first))
+      return Outcome::NoGain;
     const auto of_first = surfaces_.samples_of(first->first);
     const auto of_second = surfaces_.samples_of(first->second);
     carry_out(*first);
