@@ -29,7 +29,7 @@ struct SurfaceObjective {
   /// tau, in mm. The same for all facets: a tolerance that grows with a facet's own edges rewards
   /// long, poor facets with less regard for their distance (bunny at 558 vertices, tau of at least
   /// a twelfth of the edges: 0.48 voxel from the dense surface instead of 0.43).
-  double deviation_mm = 0.2;
+  double deviation_mm = 0.25;
 
   [[nodiscard]] double facet_term(const Vec3& a,
                                   const Vec3& b,
