@@ -141,6 +141,14 @@ TEST_CASE("decimate: equal seeds give equal meshes, other seeds other meshes",
   CHECK(a.facets != c.facets);
 }
 
+TEST_CASE("flip_edges: surfaces that nothing was removed from have no samples", "[surface][unit]") {
+  const DensePhantom dense = dense_phantoms::make(phantoms::ball(4));
+  // so small a tolerance that every facet is long enough to bridge something
+  const auto flipped = flip_edges(MaterialSurfaces(dense.mesh, dense.material_count),
+                                  dense.voxel_mm, {.deviation_vox = 0.001}, silent_context());
+  dense_phantoms::require_same_topology(flipped.surfaces.to_interface_mesh(), dense);
+}
+
 TEST_CASE("decimate, flip_edges: the number of threads changes no byte", "[surface][determinism]") {
   const DensePhantom dense = dense_phantoms::make(phantoms::three_material_wedge(80, 12));
   const auto keep = dense_phantoms::random_choice(dense.strata, 0.05, 1);

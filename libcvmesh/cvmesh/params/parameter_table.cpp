@@ -87,7 +87,7 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .max = kLargestInteger},
       {.key = "target_vertices",
        .unit = "surface vertices",
-       .doc = "Wanted number of surface vertices; cvmesh finds the epsilon that gives it within "
+       .doc = "Wanted number of surface vertices; cvmesh finds the edges that give it within "
               "2 %. Excludes epsilon. Costs some repetitions of the particle stages.",
        .field = CVMESH_FIELD(target_vertices),
        .min = 12,
@@ -95,7 +95,7 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .is_optional = true},
       {.key = "target_tets",
        .unit = "tets",
-       .doc = "Wanted number of tets; cvmesh finds the epsilon that gives it within 5 %. Costs "
+       .doc = "Wanted number of tets; cvmesh finds the edges that give it within 5 %. Costs "
               "repetitions of all stages from the particles on. Not with --surface-only.",
        .field = CVMESH_FIELD(target_tets),
        .min = 12,

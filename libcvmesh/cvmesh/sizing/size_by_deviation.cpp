@@ -19,7 +19,7 @@ namespace cvmesh {
 namespace {
 
 // Over the mean edge: how far around a place the deviation is measured. About a facet's
-// circumscribed circle; half of it and twice of it gave larger distances on bunny and tooth.
+// circumscribed circle; between 0.5 and 1 the distances on bunny and tooth hardly differ.
 constexpr double kReach = 0.75;
 // Over the reach: side of the cells whose facets are taken together.
 constexpr double kCell = 1.0 / 3;

@@ -18,7 +18,7 @@ namespace cvmesh {
 /// cos the cosine between the normals of the two facets of an edge. While the distance is below the
 /// tolerance tau shape rules, beyond it the distance does.
 struct SurfaceObjective {
-  /// Shape against distance: a facet of quality 0.5 costs as much as one at 1.5 tau.
+  /// Shape against distance: a facet of quality 0.5 costs as much as one at 1.7 tau.
   static constexpr double kShapeWeight = 0.5;
   static constexpr double kFoldWeight = 2.0;
   /// Normals up to 60 degrees apart are no fold: sharp edges of real parts cost nothing.
@@ -28,7 +28,7 @@ struct SurfaceObjective {
 
   /// tau, in mm. The same for all facets: a tolerance that grows with a facet's own edges rewards
   /// long, poor facets with less regard for their distance (bunny at 558 vertices, tau of at least
-  /// a twelfth of the edges: 0.48 voxel from the dense surface instead of 0.43).
+  /// a twelfth of the edges: 0.48 voxel from the dense surface instead of 0.44).
   double deviation_mm = 0.25;
 
   [[nodiscard]] double facet_term(const Vec3& a,
