@@ -17,7 +17,7 @@ namespace cvmesh {
 /// on these, carried through the tree of facets, make a cocycle that tells such loops by an
 /// exclusive or along their edges. Shortest loops come from local shortest-path trees around roots
 /// half a target edge apart along the cut where the words are, and are then tightened. Away from a
-/// lowered place h may grow with slope `delta` again.
+/// lowered place h may grow with slope 1.7 `delta` again.
 /// @param facets  of the sheet, edge-connected
 /// @return        true when h was changed
 bool lower_h_at_short_loops(const InterfaceMesh& dense,

@@ -310,7 +310,7 @@ TetMesh mesh_at_scale(Run& run,
   }
   warn_of_coarse_parts(run, labels, *run.report.stages.sizing_field);
   run.report.particle_counts =
-      count_particles(round.sampling.particles, dense.mesh, dense.strata, labels.material_count());
+      count_particles(round.sampling.particles, dense.mesh, dense.strata, labels);
   if (run.request.keep_stages) write_stages(run, dense, round);
   return std::move(round.tets);
 }

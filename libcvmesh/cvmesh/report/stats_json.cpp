@@ -175,11 +175,9 @@ void to_json(Json& json, const ImproveTetsStats& stats) {
 }
 
 void to_json(Json& json, const ParticleCounts& counts) {
-  json = {{"total", counts.total},
-          {"corners", counts.corners},
-          {"on_curves", counts.on_curves},
-          {"on_interfaces", counts.on_interfaces},
-          {"guards", counts.guards}};
+  json = {{"total", counts.total},         {"corners", counts.corners},
+          {"on_curves", counts.on_curves}, {"on_interfaces", counts.on_interfaces},
+          {"guards", counts.guards},       {"guards_of_specks", counts.guards_of_specks}};
 }
 
 void to_json(Json& json, const MeshCounts& counts) {
