@@ -35,6 +35,8 @@ constexpr int kDistanceRounds = 8;
 /// The middle of a triangle with edges h is off a sphere of radius rho by h^2 / (6 rho).
 constexpr double kSagitta = 6;
 constexpr double kLeastEpsilon = 0.05, kMostEpsilon = 5;
+/// Flips of surface edges under flat tets move the surface by no more than this.
+constexpr double kMostSurfaceShiftVox = 0.05;
 /// Places beyond this part of the limit are refined: the next round's particles lie elsewhere, and
 /// what only just kept the limit may miss it then.
 constexpr double kWatched = 0.85;
@@ -115,23 +117,42 @@ Sparse sparsen(Run& run,
   return sparse;
 }
 
+void warn_of_poor_tets(Run& run, const LabelVolume& labels, const DihedralAngles& angles) {
+  if (angles.poor == 0) return;
+  const auto place = std::find_if(angles.places.begin(), angles.places.end(),
+                                  [](const PoorTet& tet) { return tet.wedge_deg == 0; });
+  run.context.log->warn(
+      "{}: {} tets have an angle below {:g} or above {:g} degrees, where thin parts are narrower "
+      "than the edges of their surface{}; places are in the report; lower epsilon, or set "
+      "max_edge_mm for that label",
+      stage_names::kTetrahedra, angles.poor, kPoorMinDeg, kPoorMaxDeg,
+      place == angles.places.end() ? std::string()
+                                   : fmt::format(", the poorest in label {} ({:.2g} degrees)",
+                                                 labels.label_of[place->material], place->min_deg));
+}
+
 TetMesh fill(Run& run,
              const LabelVolume& labels,
              InterfaceMesh surface,
              const SizingField& sizing_field) {
   if (run.request.surface_only)
     return {.points = surface.points, .tets = {}, .material_of = {}, .surface = surface};
+  TetrahedralizeOptions options = run.request.parameters.tetrahedralize;
+  options.max_surface_shift_mm = kMostSurfaceShiftVox * labels.frame().voxel_mm();
   TetrahedralizeResult filled = run.stage.run(
       stage_names::kTetrahedra,
       [&] {
-        return tetrahedralize(surface, labels.material_count(), sizing_field,
-                              run.request.parameters.tetrahedralize, run.context);
+        return tetrahedralize(surface, labels.material_count(), sizing_field, options, run.context);
       },
       [](const TetrahedralizeResult& r) {
-        return fmt::format("{} tets, {} points added, TetGen -{}", r.tets.tets.size(),
-                           r.stats.steiner_points, r.stats.switches);
+        return fmt::format(
+            "{} tets, {} points added, dihedral angles {:.3g} to {:.4g} degrees, "
+            "TetGen -{}",
+            r.tets.tets.size(), r.stats.steiner_points, r.stats.improvement.after.min_deg,
+            r.stats.improvement.after.max_deg, r.stats.switches);
       });
   run.report.stages.tetrahedra = filled.stats;
+  warn_of_poor_tets(run, labels, filled.stats.improvement.after);
   return std::move(filled.tets);
 }
 
@@ -274,7 +295,7 @@ void write_stages(Run& run, const Dense& dense, const Round& round) {
   write_particles(run.outputs.add_stage("particles.vtp"), round.sampling.particles, run.mm_to_out,
                   run.space);
   write_off(run.outputs.add_stage("augmented.off"), round.sparse.augmented, run.mm_to_out);
-  write_off(run.outputs.add_stage("sparse.off"), round.sparse.surface, run.mm_to_out);
+  write_off(run.outputs.add_stage("sparse.off"), round.tets.surface, run.mm_to_out);
 }
 
 }  // namespace

@@ -129,6 +129,20 @@ Json pairs_json(const std::vector<ConformPass>& passes, const std::vector<Label>
   return pairs;
 }
 
+/// Where tets stayed poor, and in which narrow wedge if that is why.
+Json poor_tets_json(const std::vector<PoorTet>& places, const std::vector<Label>& label_of) {
+  Json poor = Json::array();
+  for (const PoorTet& place : places) {
+    Json tet = {{"label", label_of[place.material]},
+                {"min_deg", place.min_deg},
+                {"max_deg", place.max_deg},
+                {"position_grid_mm", {place.position.x, place.position.y, place.position.z}}};
+    if (place.wedge_deg > 0) tet["wedge_deg"] = place.wedge_deg;
+    poor.push_back(tet);
+  }
+  return poor;
+}
+
 Json stages_json(const Report& report) {
   const StageResults& stages = report.stages;
   Json object = Json::object();
@@ -152,6 +166,9 @@ Json stages_json(const Report& report) {
         pairs_json(stages.edge_conformity->passes, report.label_of);
   add(object, "edge_flipping", stages.edge_flipping);
   add(object, "tetrahedra", stages.tetrahedra);
+  if (stages.tetrahedra)
+    object["tetrahedra"]["poor_tets"] =
+        poor_tets_json(stages.tetrahedra->improvement.after.places, report.label_of);
   return object;
 }
 

@@ -159,19 +159,26 @@ void to_json(Json& json, const TetrahedralizeStats& stats) {
           {"improvement", stats.improvement}};
 }
 
+void to_json(Json& json, const DihedralAngles& angles) {
+  json = {{"min_deg", angles.min_deg},
+          {"max_deg", angles.max_deg},
+          {"min_outside_wedges_deg", angles.min_outside_wedges_deg},
+          {"max_outside_wedges_deg", angles.max_outside_wedges_deg},
+          {"poor", angles.poor},
+          {"poor_in_wedges", angles.poor_in_wedges},
+          {"least_share_of_wedge", angles.least_share_of_wedge}};
+}
+
 void to_json(Json& json, const ImproveTetsStats& stats) {
   json = {{"passes", stats.passes},
           {"moves", stats.moves},
           {"edge_removals", stats.edge_removals},
           {"face_flips", stats.face_flips},
+          {"contractions", stats.contractions},
           {"insertions", stats.insertions},
-          {"min_dihedral_before_deg", stats.min_dihedral_before_deg},
-          {"min_dihedral_after_deg", stats.min_dihedral_after_deg},
-          {"max_dihedral_before_deg", stats.max_dihedral_before_deg},
-          {"max_dihedral_after_deg", stats.max_dihedral_after_deg},
-          {"below_10_deg_before", stats.below_10_deg_before},
-          {"below_10_deg_after", stats.below_10_deg_after},
-          {"wedges_below_10_deg", stats.wedges_below_10_deg}};
+          {"surface_flips", stats.surface_flips},
+          {"dihedral_before", stats.before},
+          {"dihedral_after", stats.after}};
 }
 
 void to_json(Json& json, const ParticleCounts& counts) {

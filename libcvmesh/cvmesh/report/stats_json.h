@@ -30,6 +30,8 @@ void to_json(nlohmann::ordered_json& json, const EdgeConformity& conformity);
 void to_json(nlohmann::ordered_json& json, const ConformEdgesStats& stats);
 void to_json(nlohmann::ordered_json& json, const FlipEdgesStats& stats);
 void to_json(nlohmann::ordered_json& json, const TetrahedralizeStats& stats);
+/// The counts; the places go where their labels are known.
+void to_json(nlohmann::ordered_json& json, const DihedralAngles& angles);
 void to_json(nlohmann::ordered_json& json, const ImproveTetsStats& stats);
 
 void to_json(nlohmann::ordered_json& json, const ParticleCounts& counts);

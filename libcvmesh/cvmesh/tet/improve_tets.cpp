@@ -2,6 +2,9 @@
 #include "cvmesh/tet/improve_tets.h"
 
 #include "cvmesh/core/error.h"
+#include "cvmesh/core/parallel.h"
+#include "cvmesh/tet/cavity.h"
+#include "cvmesh/tet/open_tets.h"
 
 #include <spdlog/spdlog.h>
 
@@ -17,141 +20,180 @@
 namespace cvmesh {
 namespace {
 
-using Tet = std::array<std::int32_t, 4>;
-using Face = std::array<std::int32_t, 3>;
+using Tet = OpenTets::Tet;
+using Face = OpenTets::Face;
+using Ring = OpenTets::Ring;
 
 constexpr const char* kStage = "tetrahedra";
 constexpr double kDegree = std::numbers::pi / 180;
-/// A change must raise the worst sine by this much: rounding cannot make two states pass into each
-/// other for ever, and no time goes into gains that nobody sees.
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+/// A change must raise the worst sine, or the mean radius ratio, by this much: rounding cannot make
+/// two states pass into each other for ever, and no time goes into gains that nobody sees.
 constexpr double kLeastGain = 1e-3;
+constexpr double kLeastMeanGain = 1e-3;
 /// A new vertex costs tets, so it has to be worth more than a flip.
-constexpr double kLeastInsertionGain = 0.05;
+constexpr double kLeastInsertionGain = 0.01;
 /// Below this sine the sign of a volume is not certain in double precision.
-constexpr double kLeastQuality = 1e-9;
-constexpr int kMaxRingBound = 12;
-constexpr std::int32_t kNone = -1;
+constexpr double kLeastSine = 1e-9;
+/// A flip of a surface edge must not make triangles much poorer than they were.
+constexpr double kLeastShapeKept = 0.5;
+constexpr std::size_t kMaxRing = 9;
+constexpr std::int32_t kNone = OpenTets::kNone;
+constexpr int kMostTries = 2;
+constexpr int kPassesBeforeInsertion = 2;
+/// Tets or vertices that one task looks at.
+constexpr std::size_t kBlock = 512;
 /// A pass that changes fewer tets than one in this many is the last one.
-constexpr std::size_t kQuietPass = 2000;
+constexpr std::size_t kQuietPass = 1000;
 
 std::size_t at(std::int32_t index) {
   return static_cast<std::size_t>(index);
 }
 
-/// Corners of face k (opposite corner k) of a positive tet, counter-clockwise from outside.
-constexpr std::size_t kFaces[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
-/// The six edges, each with the other two corners such that (edge, rest) is an even permutation.
-constexpr std::size_t kEdges[6][4] = {{0, 1, 2, 3}, {0, 2, 3, 1}, {0, 3, 1, 2},
-                                      {1, 2, 0, 3}, {1, 3, 2, 0}, {2, 3, 0, 1}};
+/// Of some tets together.
+struct Quality {
+  double worst = kInfinity;  ///< smallest sine
+  double sum = 0;            ///< of radius ratios
+  std::size_t count = 0;
 
-Face sorted_face(const Tet& tet, std::size_t k) {
-  Face face{tet[kFaces[k][0]], tet[kFaces[k][1]], tet[kFaces[k][2]]};
-  std::sort(face.begin(), face.end());
-  return face;
-}
+  void add(const TetScore& score) {
+    worst = std::min(worst, score.min_sine);
+    sum += score.radius_ratio;
+    ++count;
+  }
 
-/// Twice the area vectors of the faces, pointing out of a positive tet.
-std::array<Vec3, 4> face_normals(const std::array<Vec3, 4>& p) {
-  std::array<Vec3, 4> normals;
-  for (std::size_t k = 0; k < 4; ++k)
-    normals[k] = area_vector2(p[kFaces[k][0]], p[kFaces[k][1]], p[kFaces[k][2]]);
-  return normals;
-}
+  void add(const Quality& other) {
+    worst = std::min(worst, other.worst);
+    sum += other.sum;
+    count += other.count;
+  }
 
-/// The tets that share an edge of the interior, as their ring of opposite corners.
-struct Ring {
-  std::int32_t a = kNone, b = kNone;
-  std::vector<std::int32_t> corners;  ///< counter-clockwise around a -> b
-  std::vector<std::int32_t> tets;     ///< tet k has corners k and k + 1
+  [[nodiscard]] double mean() const { return sum / static_cast<double>(count); }
+};
+
+/// The worst angle first; where it is comfortable, the mean radius ratio.
+class Goal {
+ public:
+  explicit Goal(double comfortable_sine) : comfort_(comfortable_sine) {}
+
+  [[nodiscard]] double comfort() const { return comfort_; }
+
+  [[nodiscard]] double capped(double sine) const { return std::min(sine, comfort_); }
+
+  [[nodiscard]] bool is_better(const Quality& now, const Quality& before) const {
+    const double worst = capped(now.worst), old = capped(before.worst);
+    if (worst <= kLeastSine) return false;
+    if (worst > old + kLeastGain) return true;
+    return worst >= old && now.mean() > before.mean() + kLeastMeanGain;
+  }
+
+ private:
+  double comfort_;
 };
 
 /// Replacement of some tets by others that fill the same space.
 struct Change {
-  enum class Kind { None, EdgeRemoval, FaceFlip, Insertion } kind = Kind::None;
-  double worst = -1;
+  enum class Kind { None, EdgeRemoval, FaceFlip, Contraction } kind = Kind::None;
+  Quality quality;
+  double gain = 0;  ///< of the worst sine, then of the mean
   std::vector<std::int32_t> removed;
   std::vector<Tet> added;
 };
 
-/// The mesh with its neighbours, open to local changes.
 class Improver {
  public:
   Improver(TetMesh& mesh, const ImproveTetsOptions& options, const StageContext& context)
-      : mesh_(mesh),
+      : tets_(mesh),
         context_(context),
-        flip_below_(std::sin(options.flip_below_deg * kDegree)),
-        smooth_below_(std::sin(options.smooth_below_deg * kDegree)),
-        insert_below_(std::sin(options.insert_below_deg * kDegree)),
-        max_ring_(static_cast<std::size_t>(std::clamp(options.max_ring, 3, kMaxRingBound))) {
-    connect();
-    quality_.resize(mesh_.tets.size());
-    for (std::size_t t = 0; t < mesh_.tets.size(); ++t)
-      quality_[t] = quality(mesh_.tets[t]);
-    stamp_.assign(mesh_.tets.size(), 0);
-    tried_tet_.assign(mesh_.tets.size(), 0);
-    tried_vertex_.assign(mesh_.points.size(), 0);
-    touched_.assign(mesh_.points.size(), 1);
+        goal_(std::sin(options.comfort_deg * kDegree)),
+        insert_below_(std::sin(options.insert_below_deg * kDegree)) {
+    tried_vertex_.assign(tets_.point_count(), 0);
+    tried_tet_.assign(tets_.slot_count(), 0);
   }
 
-  /// One round of moves over the vertices, by index.
-  std::size_t smooth() {
-    std::size_t moves = 0;
-    for (std::size_t v = mesh_.surface.points.size(); v < mesh_.points.size(); ++v) {
-      leave_if_cancelled(v);
-      moves += move_vertex(static_cast<std::int32_t>(v)) ? 1 : 0;
-    }
-    return moves;
-  }
+  [[nodiscard]] DihedralAngles measure() const { return measure_dihedral_angles(tets_); }
 
-  /// One round of flips over the poor tets, worst first.
-  void flip(ImproveTetsStats& stats) {
-    std::vector<std::pair<double, std::int32_t>> poor;
-    for (std::size_t t = 0; t < mesh_.tets.size(); ++t)
-      if (quality_[t] < flip_below_) poor.emplace_back(quality_[t], static_cast<std::int32_t>(t));
-    std::sort(poor.begin(), poor.end());
-    std::size_t step = 0;
-    for (const auto& [quality_then, t] : poor) {
-      leave_if_cancelled(step++);
-      if (quality_[at(t)] != quality_then || is_removed(t)) continue;
-      const Tet& tet = mesh_.tets[at(t)];
-      if (std::none_of(tet.begin(), tet.end(),
-                       [&](std::int32_t v) { return touched_[at(v)] > tried_tet_[at(t)]; }))
-        continue;
-      tried_tet_[at(t)] = clock_;
+  [[nodiscard]] std::size_t slot_count() const { return tets_.slot_count(); }
+
+  void close() { tets_.close(); }
+
+  /// One round of changes for tets with a poor angle, worst first.
+  void mend(ImproveTetsStats& stats) {
+    for (const std::int32_t t : poor_tets(goal_.comfort())) {
+      if (!is_open(t, goal_.comfort(), tried_tet_)) continue;
       const Change change = best_change(t);
-      if (change.kind == Change::Kind::None) continue;
-      apply(change);
-      ++(change.kind == Change::Kind::EdgeRemoval ? stats.edge_removals : stats.face_flips);
+      if (change.kind != Change::Kind::None) apply(change, stats);
     }
+  }
+
+  /// One round of edge removals anywhere, for the mean. Proposals are made in parallel, on the mesh
+  /// as it is, and carried out in order where nothing has changed meanwhile: the result does not
+  /// depend on the number of threads.
+  void flip(ImproveTetsStats& stats) {
+    constexpr int kRounds = 4;  // proposals that stood in each other's way get another chance
+    for (int round = 0; round < kRounds; ++round)
+      if (flip_once(stats) * kQuietPass < tets_.slot_count()) break;
+  }
+
+  /// One round of moves over the vertices: searches in parallel, on the mesh as it is; then each
+  /// is carried out in order if it still helps.
+  std::size_t smooth() {
+    std::vector<Move> moves(tets_.point_count());
+    tried_vertex_.resize(moves.size(), 0);
+    parallel_for_each_index(
+        0, (moves.size() + kBlock - 1) / kBlock,
+        [&](std::size_t block) {
+          Star star;
+          const std::size_t end = std::min((block + 1) * kBlock, moves.size());
+          for (std::size_t v = block * kBlock; v < end; ++v)
+            if (wants_move(static_cast<std::int32_t>(v))) {
+              moves[v] = find_move(static_cast<std::int32_t>(v), 2, star);
+              tried_vertex_[v] = tets_.now();
+            }
+        },
+        1);
+    std::size_t count = 0;
+    Star star;
+    for (std::size_t i = 0; i < moves.size(); ++i) {
+      leave_if_cancelled(i);
+      const auto v = static_cast<std::int32_t>(i);
+      if (!moves[i].is_found) continue;
+      gather(v, star);
+      const double floor = goal_.capped(star.quality.worst);
+      if (!goal_.is_better(quality_at(v, moves[i].position, floor, star), star.quality)) continue;
+      tets_.move_point(v, moves[i].position, star.tets);
+      ++count;
+    }
+    return count;
+  }
+
+  /// One round of flips of surface edges whose two facets, nearly in one plane, bound a flat tet:
+  /// the tet goes over to the other side, where it must vanish in an edge removal.
+  void shed(double max_shift, ImproveTetsStats& stats) {
+    if (!(max_shift > 0)) return;
+    tets_.find_tets_at_facets();
+    for (const std::int32_t t : poor_tets(goal_.comfort()))
+      for (std::size_t e = 0; e < 6 && !tets_.is_removed(t); ++e)
+        if (shed_at(t, e, max_shift, stats)) break;
   }
 
   /// One round of new vertices in tets that neither flips nor moves could help, worst first.
-  std::size_t insert(std::size_t most) {
-    std::vector<std::pair<double, std::int32_t>> poor;
-    for (std::size_t t = 0; t < mesh_.tets.size(); ++t)
-      if (quality_[t] < insert_below_) poor.emplace_back(quality_[t], static_cast<std::int32_t>(t));
-    std::sort(poor.begin(), poor.end());
-    std::size_t inserted = 0, step = 0;
-    for (const auto& [quality_then, t] : poor) {
-      leave_if_cancelled(step++);
+  std::size_t insert(std::size_t most, ImproveTetsStats& stats) {
+    std::size_t inserted = 0;
+    for (const std::int32_t t : poor_tets(insert_below_)) {
       if (inserted == most) break;
-      if (quality_[at(t)] != quality_then || is_removed(t)) continue;
-      inserted += insert_into(t) ? 1 : 0;
+      if (!is_open(t, insert_below_, tried_insertion_)) continue;
+      // A tet that has stayed in place through some tries is bound by the surface around it.
+      if (at(t) >= failures_.size()) failures_.resize(tets_.slot_count());
+      Failures& failures = failures_[at(t)];
+      if (failures.tet != tets_.tet(t)) failures = {tets_.tet(t), 0};
+      if (failures.count >= kMostTries) continue;
+      if (insert_into(t, stats))
+        ++inserted;
+      else
+        ++failures.count;
     }
     return inserted;
-  }
-
-  /// Closes the gaps that removed tets and vertices left. Nothing may be changed afterwards.
-  void compact() {
-    std::size_t kept = 0;
-    for (std::size_t t = 0; t < mesh_.tets.size(); ++t) {
-      if (is_removed(static_cast<std::int32_t>(t))) continue;
-      mesh_.tets[kept] = mesh_.tets[t];
-      mesh_.material_of[kept++] = mesh_.material_of[t];
-    }
-    mesh_.tets.resize(kept);
-    mesh_.material_of.resize(kept);
-    compact_points();
   }
 
  private:
@@ -162,615 +204,452 @@ class Improver {
               "cancelled");
   }
 
-  void compact_points() {
-    std::vector<std::int32_t> new_index(mesh_.points.size(), kNone);
-    for (const Tet& tet : mesh_.tets)
-      for (const std::int32_t v : tet)
-        new_index[at(v)] = 0;
-    std::size_t kept = 0;
-    for (std::size_t v = 0; v < mesh_.points.size(); ++v) {
-      if (v >= mesh_.surface.points.size() && new_index[v] == kNone) continue;
-      new_index[v] = static_cast<std::int32_t>(kept);
-      mesh_.points[kept++] = mesh_.points[v];
-    }
-    mesh_.points.resize(kept);
-    for (Tet& tet : mesh_.tets)
-      for (std::int32_t& v : tet)
-        v = new_index[at(v)];
+  [[nodiscard]] const Vec3& point(std::int32_t v) const { return tets_.point(v); }
+
+  [[nodiscard]] Face face_of(const Tet& tet, std::size_t k) const {
+    const auto& f = OpenTets::kFaces[k];
+    return {tet[f[0]], tet[f[1]], tet[f[2]]};
   }
 
-  [[nodiscard]] bool is_removed(std::int32_t t) const { return mesh_.tets[at(t)][0] == kNone; }
-
-  [[nodiscard]] const Vec3& point(std::int32_t v) const { return mesh_.points[at(v)]; }
-
-  [[nodiscard]] double quality(const Tet& t) const {
-    return min_dihedral_sine(point(t[0]), point(t[1]), point(t[2]), point(t[3]));
+  [[nodiscard]] std::vector<std::int32_t> poor_tets(double below) const {
+    std::vector<std::pair<double, std::int32_t>> poor;
+    for (std::int32_t t = 0; at(t) < tets_.slot_count(); ++t)
+      if (tets_.score(t).min_sine < below) poor.emplace_back(tets_.score(t).min_sine, t);
+    std::sort(poor.begin(), poor.end());
+    std::vector<std::int32_t> tets;
+    tets.reserve(poor.size());
+    for (const auto& [sine, t] : poor)
+      tets.push_back(t);
+    return tets;
   }
 
-  /// Neighbours through faces; a facet of the surface, and the outside, is no neighbour: what lies
-  /// beyond never takes part in a change.
-  void connect() {
-    struct Record {
-      Face face;
-      std::int32_t owner;
-
-      bool operator<(const Record& other) const {
-        return face != other.face ? face < other.face : owner < other.owner;
-      }
-    };
-
-    std::vector<Record> records;
-    records.reserve(4 * mesh_.tets.size() + mesh_.surface.facets.size());
-    for (Face facet : mesh_.surface.facets) {
-      std::sort(facet.begin(), facet.end());
-      records.push_back({facet, kNone});
-    }
-    for (std::size_t t = 0; t < mesh_.tets.size(); ++t)
-      for (std::size_t k = 0; k < 4; ++k)
-        records.push_back({sorted_face(mesh_.tets[t], k), static_cast<std::int32_t>(4 * t + k)});
-    std::sort(records.begin(), records.end());
-    neighbour_.assign(mesh_.tets.size(), {kNone, kNone, kNone, kNone});
-    for (std::size_t i = 0; i + 1 < records.size(); ++i) {
-      const std::int32_t s = records[i].owner, t = records[i + 1].owner;
-      if (s == kNone || records[i].face != records[i + 1].face) continue;
-      if (i > 0 && records[i - 1].face == records[i].face) continue;  // a facet
-      neighbour_[at(s / 4)][at(s % 4)] = t / 4;
-      neighbour_[at(t / 4)][at(t % 4)] = s / 4;
-    }
-    tet_of_.assign(mesh_.points.size(), kNone);
-    for (std::size_t t = 0; t < mesh_.tets.size(); ++t)
-      for (const std::int32_t v : mesh_.tets[t])
-        tet_of_[at(v)] = static_cast<std::int32_t>(t);
-  }
-
-  /// All tets around an interior vertex.
-  void find_star(std::int32_t v, std::vector<std::int32_t>& star) {
-    star.clear();
-    if (tet_of_[at(v)] == kNone) return;
-    ++stamp_now_;
-    star.push_back(tet_of_[at(v)]);
-    stamp_[at(star[0])] = stamp_now_;
-    for (std::size_t i = 0; i < star.size(); ++i)
-      for (std::size_t k = 0; k < 4; ++k) {
-        const std::int32_t n = neighbour_[at(star[i])][k];
-        if (mesh_.tets[at(star[i])][k] == v || n == kNone || stamp_[at(n)] == stamp_now_) continue;
-        stamp_[at(n)] = stamp_now_;
-        star.push_back(n);
-      }
-  }
-
-  /// The worst quality around v if it were at p; stops once it is no better than `floor`.
-  [[nodiscard]] double worst_at(std::int32_t v, const Vec3& p, double floor) const {
-    double worst = std::numeric_limits<double>::infinity();
-    for (const Tet& tet : star_tets_) {
-      Vec3 c[4];
-      for (std::size_t k = 0; k < 4; ++k)
-        c[k] = tet[k] == v ? p : point(tet[k]);
-      worst = std::min(worst, min_dihedral_sine(c[0], c[1], c[2], c[3]));
-      if (worst <= floor) return worst;
-    }
-    return worst;
-  }
-
-  /// Pattern search for the place that makes the worst tet around v best: towards the centroid of
-  /// the star, away from the worst tet's opposite face, and along the axes, with halving steps.
-  bool move_vertex(std::int32_t v) {
-    if (touched_[at(v)] <= tried_vertex_[at(v)]) return false;
-    tried_vertex_[at(v)] = clock_;
-    find_star(v, star_);
-    if (star_.empty()) return false;
-    std::sort(star_.begin(), star_.end(), [&](std::int32_t s, std::int32_t t) {
-      return std::pair(quality_[at(s)], s) < std::pair(quality_[at(t)], t);
-    });
-    double worst = quality_[at(star_[0])];
-    if (worst >= smooth_below_) return false;
-    star_tets_.clear();
-    Vec3 centroid, escape;
-    double weight = 0, edge = 0;
-    for (const std::int32_t t : star_) {
-      const Tet& tet = mesh_.tets[at(t)];
-      star_tets_.push_back(tet);
-      const double volume =
-          std::abs(volume6(point(tet[0]), point(tet[1]), point(tet[2]), point(tet[3])));
-      for (const std::int32_t u : tet) {
-        centroid += volume / 4 * point(u);
-        edge += distance(point(u), point(v)) / (3 * static_cast<double>(star_.size()));
-      }
-      weight += volume;
-    }
-    if (!(weight > 0)) return false;
-    centroid *= 1 / weight;
-    for (std::size_t k = 0; k < 4; ++k)
-      if (const Tet& tet = star_tets_[0]; tet[k] == v)
-        escape = -normalized(area_vector2(point(tet[kFaces[k][0]]), point(tet[kFaces[k][1]]),
-                                          point(tet[kFaces[k][2]])));
-    return climb(v, worst, centroid, escape, edge);
-  }
-
-  bool climb(std::int32_t v, double worst, const Vec3& centroid, const Vec3& escape, double edge) {
-    const Vec3 start = point(v);
-    const double start_worst = worst;
-    Vec3 best = start;
-    const auto attempt = [&](const Vec3& p) {
-      const double q = worst_at(v, p, worst + kLeastGain);
-      if (q <= worst + kLeastGain) return false;
-      worst = q;
-      best = p;
-      return true;
-    };
-    attempt(centroid);
-    const Vec3 directions[] = {escape,    -escape,    {1, 0, 0}, {-1, 0, 0},
-                               {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
-    constexpr int kHalvings = 5, kStepsPerSize = 4;
-    double step = 0.3 * edge;
-    for (int halving = 0; halving < kHalvings; ++halving, step /= 2)
-      for (int repeat = 0; repeat < kStepsPerSize; ++repeat) {
-        const Vec3 from = best;
-        bool has_moved = false;
-        for (const Vec3& direction : directions)
-          if (attempt(from + step * direction)) has_moved = true;
-        if (!has_moved) break;
-      }
-    if (worst <= start_worst + kLeastGain || worst < kLeastQuality) return false;
-    mesh_.points[at(v)] = best;
-    ++clock_;
-    for (const std::int32_t t : star_) {
-      quality_[at(t)] = quality(mesh_.tets[at(t)]);
-      for (const std::int32_t u : mesh_.tets[at(t)])
-        touched_[at(u)] = clock_;
-    }
+  /// True where the tet is still poor and something around it has changed since the last try.
+  bool is_open(std::int32_t t, double below, std::vector<std::uint64_t>& tried) {
+    leave_if_cancelled(step_++);
+    if (tets_.is_removed(t) || tets_.score(t).min_sine >= below) return false;
+    if (at(t) >= tried.size()) tried.resize(tets_.slot_count(), 0);
+    if (!has_changed_since(t, tried[at(t)])) return false;
+    tried[at(t)] = tets_.now();
     return true;
   }
 
-  /// The tets around edge e of tet t; false when the edge lies on the surface or has too many.
-  bool find_ring(std::int32_t t, std::size_t e, Ring& ring) const {
-    const Tet& tet = mesh_.tets[at(t)];
-    ring.a = tet[kEdges[e][0]];
-    ring.b = tet[kEdges[e][1]];
-    ring.corners = {tet[kEdges[e][2]]};
-    ring.tets = {t};
-    std::int32_t behind = tet[kEdges[e][2]], ahead = tet[kEdges[e][3]];
-    for (std::int32_t now = t;;) {
-      const Tet& corners = mesh_.tets[at(now)];
-      const std::size_t opposite = static_cast<std::size_t>(
-          std::find(corners.begin(), corners.end(), behind) - corners.begin());
-      const std::int32_t next = neighbour_[at(now)][opposite];
-      if (next == kNone) return false;
-      ring.corners.push_back(ahead);
-      if (next == t) break;
-      ring.tets.push_back(next);
-      if (ring.tets.size() > max_ring_) return false;
-      behind = ahead;
-      for (const std::int32_t v : mesh_.tets[at(next)])
-        if (v != ring.a && v != ring.b && v != behind) ahead = v;
-      now = next;
-    }
-    ring.corners.pop_back();  // the first corner again
-    return ring.tets.size() >= 3;
+  [[nodiscard]] bool has_changed_since(std::int32_t t, std::uint64_t time) const {
+    const Tet& tet = tets_.tet(t);
+    return std::any_of(tet.begin(), tet.end(),
+                       [&](std::int32_t v) { return tets_.changed_at(v) > time; });
+  }
+
+  [[nodiscard]] Quality quality_of(const std::vector<std::int32_t>& tets) const {
+    Quality quality;
+    for (const std::int32_t t : tets)
+      quality.add(tets_.score(t));
+    return quality;
+  }
+
+  void apply(const Change& change, ImproveTetsStats& stats) {
+    tets_.replace(change.removed, change.added);
+    if (change.kind == Change::Kind::EdgeRemoval) ++stats.edge_removals;
+    if (change.kind == Change::Kind::FaceFlip) ++stats.face_flips;
+    if (change.kind == Change::Kind::Contraction) ++stats.contractions;
+  }
+
+  /// Keeps the change if it is the best so far: by the worst sine, then by the mean.
+  void offer(Change&& change, const Quality& before, Change& best) const {
+    if (!goal_.is_better(change.quality, before)) return;
+    const double worst_gain = goal_.capped(change.quality.worst) - goal_.capped(before.worst);
+    change.gain = 10 * worst_gain + change.quality.mean() - before.mean();
+    if (best.kind == Change::Kind::None || change.gain > best.gain) best = std::move(change);
   }
 
   /// The best triangulation of the ring, two tets on each triangle, by dynamic programming
   /// [Klingner 2008].
   void try_edge_removal(const Ring& ring, Change& best) const {
     const std::size_t n = ring.corners.size();
-    double old_worst = std::numeric_limits<double>::infinity();
-    for (const std::int32_t t : ring.tets)
-      old_worst = std::min(old_worst, quality_[at(t)]);
-    const double floor = std::max({old_worst + kLeastGain, best.worst, kLeastQuality});
-    double value[kMaxRingBound][kMaxRingBound];
-    std::size_t choice[kMaxRingBound][kMaxRingBound];
+    const Quality before = quality_of(ring.tets);
+    const double floor = std::max(goal_.capped(before.worst), kLeastSine);
+
+    struct Entry {
+      double worst = -1, sum = 0;
+      std::size_t choice = 0;
+    };
+
+    std::array<std::array<Entry, kMaxRing>, kMaxRing> table;
     for (std::size_t i = 0; i + 1 < n; ++i)
-      value[i][i + 1] = std::numeric_limits<double>::infinity();
+      table[i][i + 1] = {kInfinity, 0, 0};
     for (std::size_t length = 2; length < n; ++length)
       for (std::size_t i = 0; i + length < n; ++i) {
         const std::size_t j = i + length;
-        value[i][j] = -1;
-        choice[i][j] = i + 1;
+        Entry& entry = table[i][j];
+        entry = {};
         for (std::size_t k = i + 1; k < j; ++k) {
-          const double parts = std::min(value[i][k], value[k][j]);
-          if (parts <= floor || parts <= value[i][j]) continue;
-          double q = quality({ring.corners[i], ring.corners[k], ring.corners[j], ring.b});
-          if (q > floor)
-            q = std::min(q, quality({ring.corners[k], ring.corners[i], ring.corners[j], ring.a}));
-          q = std::min(q, parts);
-          if (q > value[i][j]) {
-            value[i][j] = q;
-            choice[i][j] = k;
-          }
+          const double parts = std::min(table[i][k].worst, table[k][j].worst);
+          if (parts < floor) continue;
+          const TetScore above =
+              tets_.score_of({ring.corners[i], ring.corners[k], ring.corners[j], ring.b}, floor);
+          if (above.min_sine < floor) continue;
+          const TetScore below =
+              tets_.score_of({ring.corners[k], ring.corners[i], ring.corners[j], ring.a}, floor);
+          if (below.min_sine < floor) continue;
+          const double worst = goal_.capped(std::min({parts, above.min_sine, below.min_sine}));
+          const double sum =
+              above.radius_ratio + below.radius_ratio + table[i][k].sum + table[k][j].sum;
+          if (worst > entry.worst || (worst == entry.worst && sum > entry.sum))
+            entry = {worst, sum, k};
         }
       }
-    if (value[0][n - 1] <= floor) return;
-    best = {Change::Kind::EdgeRemoval, value[0][n - 1], ring.tets, {}};
-    std::vector<std::pair<std::size_t, std::size_t>> open{{0, n - 1}};
-    while (!open.empty()) {
-      const auto [i, j] = open.back();
-      open.pop_back();
+    const Entry& whole = table[0][n - 1];
+    if (whole.worst < floor) return;
+    Change change{Change::Kind::EdgeRemoval, {whole.worst, whole.sum, 2 * (n - 2)}, 0, {}, {}};
+    if (!goal_.is_better(change.quality, before)) return;
+    change.removed = ring.tets;
+    std::array<std::pair<std::size_t, std::size_t>, kMaxRing> open;
+    std::size_t open_count = 1;
+    open[0] = {0, n - 1};
+    while (open_count > 0) {
+      const auto [i, j] = open[--open_count];
       if (j - i < 2) continue;
-      const std::size_t k = choice[i][j];
-      best.added.push_back({ring.corners[i], ring.corners[k], ring.corners[j], ring.b});
-      best.added.push_back({ring.corners[k], ring.corners[i], ring.corners[j], ring.a});
-      open.emplace_back(i, k);
-      open.emplace_back(k, j);
+      const std::size_t k = table[i][j].choice;
+      change.added.push_back({ring.corners[i], ring.corners[k], ring.corners[j], ring.b});
+      change.added.push_back({ring.corners[k], ring.corners[i], ring.corners[j], ring.a});
+      open[open_count++] = {i, k};
+      open[open_count++] = {k, j};
     }
+    offer(std::move(change), before, best);
   }
 
   /// Two tets on face k of t become three around the new edge between their far corners.
   void try_face_flip(std::int32_t t, std::size_t k, Change& best) const {
-    const std::int32_t other = neighbour_[at(t)][k];
+    const std::int32_t other = tets_.neighbour(t, k);
     if (other == kNone) return;
-    const Tet& tet = mesh_.tets[at(t)];
+    const Tet& tet = tets_.tet(t);
     std::int32_t far = kNone;
-    for (const std::int32_t v : mesh_.tets[at(other)])
+    for (const std::int32_t v : tets_.tet(other))
       if (std::find(tet.begin(), tet.end(), v) == tet.end()) far = v;
-    const double old_worst = std::min(quality_[at(t)], quality_[at(other)]);
-    const double floor = std::max({old_worst + kLeastGain, best.worst, kLeastQuality});
-    Change change{Change::Kind::FaceFlip, std::numeric_limits<double>::infinity(), {t, other}, {}};
+    Quality before;
+    before.add(tets_.score(t));
+    before.add(tets_.score(other));
+    const double floor = std::max(goal_.capped(before.worst), kLeastSine);
+    Change change{Change::Kind::FaceFlip, {}, 0, {t, other}, {}};
+    const auto& f = OpenTets::kFaces[k];
     for (std::size_t i = 0; i < 3; ++i) {
-      change.added.push_back({tet[k], far, tet[kFaces[k][i]], tet[kFaces[k][(i + 1) % 3]]});
-      change.worst = std::min(change.worst, quality(change.added.back()));
-      if (change.worst <= floor) return;
+      change.added.push_back({tet[k], far, tet[f[i]], tet[f[(i + 1) % 3]]});
+      change.quality.add(tets_.score_of(change.added.back(), floor));
+      if (change.quality.worst < floor) return;
     }
-    best = std::move(change);
+    offer(std::move(change), before, best);
+  }
+
+  /// Interior vertex v goes into u, which must see all of the star's boundary.
+  void try_contraction(std::int32_t v, std::int32_t u, Change& best) {
+    tets_.find_star(v, star_);
+    const Quality before = quality_of(star_);
+    const double floor = std::max(goal_.capped(before.worst), kLeastSine);
+    Change change{Change::Kind::Contraction, {}, 0, {}, {}};
+    for (const std::int32_t t : star_) {
+      Tet tet = tets_.tet(t);
+      if (std::find(tet.begin(), tet.end(), u) != tet.end()) continue;
+      *std::find(tet.begin(), tet.end(), v) = u;
+      change.added.push_back(tet);
+      change.quality.add(tets_.score_of(tet, floor));
+      if (change.quality.worst < floor) return;
+    }
+    if (change.added.empty()) return;
+    change.removed = star_;
+    offer(std::move(change), before, best);
   }
 
   Change best_change(std::int32_t t) {
     Change best;
     for (std::size_t e = 0; e < 6; ++e)
-      if (find_ring(t, e, ring_)) try_edge_removal(ring_, best);
+      if (tets_.find_ring(t, e, kMaxRing, ring_)) try_edge_removal(ring_, best);
     for (std::size_t k = 0; k < 4; ++k)
       try_face_flip(t, k, best);
+    const Tet tet = tets_.tet(t);
+    for (const std::int32_t v : tet)
+      for (const std::int32_t u : tet)
+        if (u != v && !tets_.is_on_surface(v)) try_contraction(v, u, best);
     return best;
   }
 
-  /// Tets whose space a new vertex p takes over: connected, seen from p through every face of
-  /// their boundary, and no facet between them.
-  struct Cavity {
-    struct Wall {
-      Face face;  ///< seen from inside, so that (face, p) is positive
-      std::int32_t tet;
-      std::size_t k;
-      double quality;
-    };
-
-    std::vector<std::int32_t> tets;
-    std::vector<Wall> walls;
-    double old_worst = std::numeric_limits<double>::infinity();
+  /// The tets around a vertex, and their corners, so that the search need not look them up.
+  struct Star {
+    std::vector<std::int32_t> tets;  ///< the worst first
+    std::vector<Tet> corners;
+    Quality quality;
   };
 
-  [[nodiscard]] double wall_quality(const Face& face, const Vec3& p) const {
-    return min_dihedral_sine(point(face[0]), point(face[1]), point(face[2]), p);
+  struct Move {
+    bool is_found = false;
+    Vec3 position;
+  };
+
+  void gather(std::int32_t v, Star& star) const {
+    tets_.find_star(v, star.tets);
+    std::sort(star.tets.begin(), star.tets.end(), [&](std::int32_t s, std::int32_t t) {
+      return std::pair(tets_.score(s).min_sine, s) < std::pair(tets_.score(t).min_sine, t);
+    });
+    star.corners.clear();
+    for (const std::int32_t t : star.tets)
+      star.corners.push_back(tets_.tet(t));
+    star.quality = quality_of(star.tets);
   }
 
-  void add_to(Cavity& cavity, std::int32_t t, const Vec3& p) const {
-    cavity.tets.push_back(t);
-    cavity.old_worst = std::min(cavity.old_worst, quality_[at(t)]);
-    std::erase_if(cavity.walls, [&](const auto& w) { return neighbour_[at(w.tet)][w.k] == t; });
-    for (std::size_t k = 0; k < 4; ++k) {
-      const std::int32_t n = neighbour_[at(t)][k];
-      if (n != kNone && std::find(cavity.tets.begin(), cavity.tets.end(), n) != cavity.tets.end())
-        continue;
-      const Tet& tet = mesh_.tets[at(t)];
-      const Face face{tet[kFaces[k][0]], tet[kFaces[k][2]], tet[kFaces[k][1]]};
-      cavity.walls.push_back({face, t, k, wall_quality(face, p)});
+  /// The quality around v if it were at p; stops once an angle is below `floor`.
+  [[nodiscard]] Quality quality_at(std::int32_t v,
+                                   const Vec3& p,
+                                   double floor,
+                                   const Star& star) const {
+    Quality quality;
+    for (const Tet& tet : star.corners) {
+      std::array<Vec3, 4> c;
+      for (std::size_t k = 0; k < 4; ++k)
+        c[k] = tet[k] == v ? p : point(tet[k]);
+      quality.add(score_tet(c[0], c[1], c[2], c[3], floor));
+      if (quality.worst < floor) return quality;
     }
+    return quality;
   }
 
-  static const Cavity::Wall& worst_wall(const Cavity& cavity) {
-    return *std::min_element(cavity.walls.begin(), cavity.walls.end(),
-                             [](const auto& v, const auto& w) { return v.quality < w.quality; });
+  /// True for an interior vertex around which something has changed since it was last tried.
+  bool wants_move(std::int32_t v) const {
+    return !tets_.is_on_surface(v) &&
+           (at(v) >= tried_vertex_.size() || tets_.changed_at(v) > tried_vertex_[at(v)]);
   }
 
-  /// Grows a cavity from t through its worst wall for as long as that can be opened, and keeps the
-  /// best state on the way [Klingner 2008].
-  [[nodiscard]] Cavity dig(std::int32_t t, const Vec3& p) const {
-    constexpr std::size_t kMaxCavity = 40;
-    Cavity cavity, best;
-    double best_worst = -1;
-    for (std::int32_t next = t; next != kNone && cavity.tets.size() < kMaxCavity;) {
-      add_to(cavity, next, p);
-      const auto& wall = worst_wall(cavity);
-      if (wall.quality > best_worst) {
-        best_worst = wall.quality;
-        best = cavity;
+  /// Pattern search for the best place of v: towards the centroid of the star, away from the worst
+  /// tet's opposite face, and along the axes, with steps that halve `halvings` times.
+  Move find_move(std::int32_t v, int halvings, Star& star) const {
+    gather(v, star);
+    if (star.tets.empty()) return {};
+    Vec3 centroid, escape;
+    double weight = 0, edge = 0;
+    for (const Tet& tet : star.corners) {
+      const double volume =
+          std::abs(volume6(point(tet[0]), point(tet[1]), point(tet[2]), point(tet[3])));
+      for (const std::int32_t u : tet) {
+        centroid += volume / 4 * point(u);
+        edge += distance(point(u), point(v)) / (3 * static_cast<double>(star.tets.size()));
       }
-      next = neighbour_[at(wall.tet)][wall.k];
+      weight += volume;
+    }
+    if (!(weight > 0)) return {};
+    centroid *= 1 / weight;
+    for (std::size_t k = 0; k < 4; ++k)
+      if (star.corners[0][k] == v) {
+        const Face face = face_of(star.corners[0], k);
+        escape = -normalized(area_vector2(point(face[0]), point(face[1]), point(face[2])));
+      }
+
+    Quality reached = star.quality;
+    Move best{false, point(v)};
+    const auto attempt = [&](const Vec3& p) {
+      const Quality quality = quality_at(v, p, goal_.capped(reached.worst), star);
+      if (!goal_.is_better(quality, reached)) return;
+      reached = quality;
+      best = {true, p};
+    };
+    attempt(centroid);
+    const bool is_poor = star.quality.worst < goal_.comfort();
+    const std::array<Vec3, 8> directions{
+        {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}, escape, -escape}};
+    // A poor star gets a longer search: there are few.
+    const std::size_t direction_count = is_poor ? 8 : 6;
+    double step = (is_poor ? 0.3 : 0.15) * edge;
+    for (int halving = 0; halving < halvings + (is_poor ? 2 : 0); ++halving, step /= 2) {
+      const Vec3 from = best.position;
+      for (std::size_t d = 0; d < direction_count; ++d)
+        attempt(from + step * directions[d]);
     }
     return best;
   }
 
-  /// Every edge of the boundary in two walls: a ball as seen from p, with nothing pinched.
-  static bool is_simple(const Cavity& cavity) {
-    std::vector<std::pair<std::int32_t, std::int32_t>> edges;
-    for (const auto& wall : cavity.walls)
-      for (std::size_t k = 0; k < 3; ++k)
-        edges.emplace_back(std::minmax(wall.face[k], wall.face[(k + 1) % 3]));
-    std::sort(edges.begin(), edges.end());
-    for (std::size_t i = 0; i < edges.size(); i += 2)
-      if (i + 1 >= edges.size() || edges[i] != edges[i + 1] ||
-          (i + 2 < edges.size() && edges[i] == edges[i + 2]))
-        return false;
-    return true;
+  bool move_vertex(std::int32_t v, int halvings) {
+    if (!wants_move(v)) return false;
+    if (at(v) >= tried_vertex_.size()) tried_vertex_.resize(tets_.point_count(), 0);
+    tried_vertex_[at(v)] = tets_.now();
+    const Move move = find_move(v, halvings, vertex_star_);
+    if (move.is_found) tets_.move_point(v, move.position, vertex_star_.tets);
+    return move.is_found;
   }
 
-  /// Moves p to where the worst wall of the cavity is best; returns that quality.
-  double settle(const Cavity& cavity, Vec3& p) const {
-    const auto worst_for = [&](const Vec3& q, double floor) {
-      double worst = std::numeric_limits<double>::infinity();
-      for (const auto& wall : cavity.walls) {
-        worst = std::min(worst, wall_quality(wall.face, q));
-        if (worst <= floor) break;
+  std::size_t flip_once(ImproveTetsStats& stats) {
+    const std::uint64_t since = std::exchange(last_flip_, tets_.now());
+    std::vector<std::vector<Change>> proposals((tets_.slot_count() + kBlock - 1) / kBlock);
+    parallel_for_each_index(
+        0, proposals.size(),
+        [&](std::size_t block) {
+          const std::size_t end = std::min((block + 1) * kBlock, tets_.slot_count());
+          for (std::size_t t = block * kBlock; t < end; ++t)
+            propose_removals(static_cast<std::int32_t>(t), since, proposals[block]);
+        },
+        1);
+    std::size_t count = 0;
+    for (const std::vector<Change>& changes : proposals) {
+      leave_if_cancelled(0);
+      for (const Change& change : changes) {
+        if (std::any_of(change.removed.begin(), change.removed.end(), [&](std::int32_t t) {
+              return tets_.is_removed(t) || has_changed_since(t, last_flip_);
+            }))
+          continue;
+        apply(change, stats);
+        ++count;
       }
-      return worst;
-    };
-    double edge = 0;
-    Vec3 middle;
-    for (const auto& wall : cavity.walls)
-      for (const std::int32_t v : wall.face) {
-        edge += distance(point(v), p) / (3 * static_cast<double>(cavity.walls.size()));
-        middle += point(v) / (3 * static_cast<double>(cavity.walls.size()));
-      }
-    double worst = worst_for(p, -1);
-    const auto attempt = [&](const Vec3& q) {
-      const double quality = worst_for(q, worst);
-      if (quality <= worst) return;
-      worst = quality;
-      p = q;
-    };
-    attempt(middle);
-    constexpr int kSteps = 6;
-    double step = 0.25 * edge;
-    for (int i = 0; i < kSteps; ++i, step *= 0.6) {
-      const Vec3 from = p;
-      for (int axis = 0; axis < 3; ++axis)
-        for (const double sign : {1.0, -1.0}) {
-          Vec3 q = from;
-          q[axis] += sign * step;
-          attempt(q);
-        }
     }
-    return worst;
+    return count;
   }
 
-  /// Where a new vertex may help t: its centroid, the middle of the tets around it, and off its
-  /// facets, into the interior.
-  [[nodiscard]] std::array<Vec3, 3> places_for(std::int32_t t) const {
-    const Tet& tet = mesh_.tets[at(t)];
-    Vec3 centroid, around, away;
-    double count = 0, size = 0;
-    for (std::size_t k = 0; k < 4; ++k) {
-      centroid += point(tet[k]) / 4;
-      size += distance(point(tet[k]), point(tet[(k + 1) % 4])) / 4;
-      const std::int32_t n = neighbour_[at(t)][k];
-      if (n == kNone) {
-        away -= normalized(area_vector2(point(tet[kFaces[k][0]]), point(tet[kFaces[k][1]]),
-                                        point(tet[kFaces[k][2]])));
+  void propose_removals(std::int32_t t, std::uint64_t since, std::vector<Change>& proposals) const {
+    if (tets_.is_removed(t) || !has_changed_since(t, since)) return;
+    Ring ring;
+    for (std::size_t e = 0; e < 6; ++e) {
+      if (!tets_.find_ring(t, e, kMaxRing, ring)) continue;
+      // Once per edge: at the first tet with something new.
+      if (std::any_of(ring.tets.begin(), ring.tets.end(),
+                      [&](std::int32_t s) { return s < t && has_changed_since(s, since); }))
         continue;
+      Change change;
+      try_edge_removal(ring, change);
+      if (change.kind != Change::Kind::None) proposals.push_back(std::move(change));
+    }
+  }
+
+  bool shed_at(std::int32_t t, std::size_t e, double max_shift, ImproveTetsStats& stats) {
+    const auto [i, j, k, l] = OpenTets::kEdges[e];
+    if (tets_.neighbour(t, k) != kNone || tets_.neighbour(t, l) != kNone) return false;
+    const Tet& tet = tets_.tet(t);
+    const Vec3 &a = point(tet[i]), &b = point(tet[j]), &c = point(tet[k]), &d = point(tet[l]);
+    const double volume = volume6(a, b, c, d);
+    // How far the surface moves: the distance between the two diagonals.
+    if (volume > max_shift * norm(cross(b - a, d - c))) return false;
+    const double old_shape = std::min(triangle_quality(a, b, c), triangle_quality(a, b, d));
+    const double new_shape = std::min(triangle_quality(a, c, d), triangle_quality(b, c, d));
+    if (new_shape < kLeastShapeKept * old_shape) return false;
+    tets_.begin_trial();
+    if (!tets_.hand_over(t, e)) {
+      tets_.undo_trial();
+      return false;
+    }
+    const ImproveTetsStats stats_before = stats;
+    if (!tets_.is_removed(t) && tets_.find_ring(t, e, kMaxRing, ring_)) {
+      Change change;
+      try_edge_removal(ring_, change);
+      if (change.kind != Change::Kind::None) apply(change, stats);
+    }
+    const auto [before, after] = tets_.compare_trial(goal_.comfort());
+    if (after.worst > kLeastSine && after.worst >= before.worst &&
+        after.sum < before.sum - kLeastGain * kLeastGain) {
+      tets_.keep_trial();
+      ++stats.surface_flips;
+      return true;
+    }
+    tets_.undo_trial();
+    stats = stats_before;
+    return false;
+  }
+
+  /// Tries a new vertex at several places, each followed by changes and moves around it, and keeps
+  /// the first that helps: no angle below the worst one, and less lacking to `insert_below_deg`
+  /// [Klingner 2008].
+  bool insert_into(std::int32_t t, ImproveTetsStats& stats) {
+    for (Vec3 p : insertion_places(tets_, t)) {
+      const Cavity cavity = dig_cavity(tets_, t, p);
+      if (cavity.tets.empty()) continue;
+      tets_.begin_trial();
+      const ImproveTetsStats stats_before = stats;
+      const std::int32_t v = tets_.add_point(p);
+      tets_.replace(cavity.tets, cavity.tets_with(v));
+      improve_around(v, stats);
+      const auto [before, after] = tets_.compare_trial(insert_below_);
+      if (after.worst > kLeastSine && after.worst >= before.worst &&
+          after.sum < before.sum - kLeastInsertionGain * kLeastInsertionGain) {
+        tets_.keep_trial();
+        return true;
       }
-      for (const std::int32_t v : mesh_.tets[at(n)])
-        around += point(v);
-      count += 4;
+      tets_.undo_trial();
+      stats = stats_before;
     }
-    if (count > 0) around *= 1 / count;
-    return {centroid, around, centroid + 0.6 * size * normalized(away)};
+    return false;
   }
 
-  /// Puts a vertex where it raises the worst quality of the tets that it replaces the most.
-  bool insert_into(std::int32_t t) {
-    Cavity best;
-    Vec3 place;
-    double best_worst = kLeastQuality;
-    for (Vec3 p : places_for(t)) {
-      Cavity cavity = dig(t, p);
-      if (cavity.walls.empty()) continue;
-      settle(cavity, p);
-      cavity = dig(t, p);
-      if (cavity.walls.empty() || !is_simple(cavity)) continue;
-      const double worst = settle(cavity, p);
-      if (worst <= best_worst || worst <= cavity.old_worst + kLeastInsertionGain) continue;
-      best_worst = worst;
-      best = std::move(cavity);
-      place = p;
-    }
-    if (best.tets.empty()) return false;
-    const std::int32_t v = static_cast<std::int32_t>(mesh_.points.size());
-    mesh_.points.push_back(place);
-    tet_of_.push_back(kNone);
-    touched_.push_back(clock_);
-    tried_vertex_.push_back(0);
-    Change change{Change::Kind::Insertion, best_worst, std::move(best.tets), {}};
-    for (const auto& wall : best.walls)
-      change.added.push_back({wall.face[0], wall.face[1], wall.face[2], v});
-    for (const std::int32_t old : change.removed)
-      for (const std::int32_t u : mesh_.tets[at(old)])
-        tet_of_[at(u)] = kNone;
-    apply(change);
-    return true;
-  }
-
-  void apply(const Change& change) {
-    struct Open {
-      Face face;
-      std::int32_t tet;  ///< beyond the face, kNone at the surface
-      std::int32_t place;
-    };
-
-    std::vector<Open> open;
-    const auto is_in = [&](std::int32_t t) {
-      return std::find(change.removed.begin(), change.removed.end(), t) != change.removed.end();
-    };
-    for (const std::int32_t t : change.removed)
-      for (std::size_t k = 0; k < 4; ++k) {
-        const std::int32_t n = neighbour_[at(t)][k];
-        if (n != kNone && is_in(n)) continue;
-        std::int32_t place = kNone;
-        for (std::size_t m = 0; n != kNone && m < 4; ++m)
-          if (neighbour_[at(n)][m] == t &&
-              sorted_face(mesh_.tets[at(n)], m) == sorted_face(mesh_.tets[at(t)], k))
-            place = static_cast<std::int32_t>(m);
-        open.push_back({sorted_face(mesh_.tets[at(t)], k), n, place});
+  void improve_around(std::int32_t v, ImproveTetsStats& stats) {
+    constexpr int kRounds = 3;
+    std::vector<std::int32_t> around;
+    for (int round = 0; round < kRounds; ++round) {
+      const std::uint64_t then = tets_.now();
+      move_vertex(v, 3);
+      tets_.find_star(v, around);
+      if (around.empty()) return;  // contracted
+      const std::vector<std::int32_t> star = around;
+      for (const std::int32_t t : star) {
+        if (tets_.is_removed(t) || tets_.score(t).min_sine >= insert_below_) continue;
+        const Change change = best_change(t);
+        if (change.kind != Change::Kind::None) apply(change, stats);
       }
-    const MaterialId material = mesh_.material_of[at(change.removed[0])];
-    std::vector<std::int32_t> slots = change.removed;
-    while (slots.size() < change.added.size())
-      slots.push_back(new_slot());
-    for (std::size_t i = change.added.size(); i < slots.size(); ++i) {
-      mesh_.tets[at(slots[i])] = {kNone, kNone, kNone, kNone};
-      quality_[at(slots[i])] = std::numeric_limits<double>::infinity();
-      free_.push_back(slots[i]);
-    }
-    ++clock_;
-    for (std::size_t i = 0; i < change.added.size(); ++i) {
-      const std::int32_t t = slots[i];
-      mesh_.tets[at(t)] = change.added[i];
-      mesh_.material_of[at(t)] = material;
-      quality_[at(t)] = quality(change.added[i]);
-      for (std::size_t k = 0; k < 4; ++k) {
-        tet_of_[at(change.added[i][k])] = t;
-        touched_[at(change.added[i][k])] = clock_;
-        const Face face = sorted_face(change.added[i], k);
-        const auto match =
-            std::find_if(open.begin(), open.end(), [&](const Open& o) { return o.face == face; });
-        if (match == open.end()) {
-          open.push_back({face, t, static_cast<std::int32_t>(k)});
-          neighbour_[at(t)][k] = kNone;
-        } else {
-          neighbour_[at(t)][k] = match->tet;
-          if (match->tet != kNone) neighbour_[at(match->tet)][at(match->place)] = t;
-          open.erase(match);
-        }
-      }
+      tets_.find_star(v, around);
+      std::vector<std::int32_t> vertices;
+      for (const std::int32_t t : around)
+        for (const std::int32_t u : tets_.tet(t))
+          if (!tets_.is_on_surface(u)) vertices.push_back(u);
+      std::sort(vertices.begin(), vertices.end());
+      vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
+      for (const std::int32_t u : vertices)
+        move_vertex(u, 2);
+      if (tets_.now() == then) break;
     }
   }
 
-  std::int32_t new_slot() {
-    if (!free_.empty()) {
-      const std::int32_t t = free_.back();
-      free_.pop_back();
-      return t;
-    }
-    mesh_.tets.emplace_back();
-    mesh_.material_of.push_back(kExterior);
-    neighbour_.push_back({kNone, kNone, kNone, kNone});
-    quality_.push_back(0);
-    stamp_.push_back(0);
-    tried_tet_.push_back(0);
-    return static_cast<std::int32_t>(mesh_.tets.size() - 1);
-  }
+  struct Failures {
+    Tet tet{kNone, kNone, kNone, kNone};
+    int count = 0;
+  };
 
-  TetMesh& mesh_;
+  OpenTets tets_;
   const StageContext& context_;
-  const double flip_below_, smooth_below_, insert_below_;
-  const std::size_t max_ring_;
-  std::vector<std::array<std::int32_t, 4>> neighbour_;
-  std::vector<double> quality_;
-  std::vector<std::int32_t> tet_of_, free_;
-  // What was tried in vain is tried again only after something around it changed: `touched_` is
-  // the time of the last change at a vertex.
-  std::uint64_t clock_ = 1;
-  std::vector<std::uint64_t> touched_, tried_vertex_, tried_tet_;
-  std::vector<std::uint32_t> stamp_;
-  std::uint32_t stamp_now_ = 0;
+  const Goal goal_;
+  const double insert_below_;
+  // What was tried in vain is tried again only after something around it changed.
+  std::vector<std::uint64_t> tried_vertex_, tried_tet_, tried_insertion_;
+  std::vector<Failures> failures_;
+  std::uint64_t last_flip_ = 0;  ///< time of the last round of flips
+  std::size_t step_ = 0;
   std::vector<std::int32_t> star_;
-  std::vector<Tet> star_tets_;
+  Star vertex_star_;
   Ring ring_;
 };
 
-struct Angles {
-  double smallest_deg = 180, largest_deg = 0;
-  std::size_t below_10_deg = 0, wedges_below_10_deg = 0;
-};
-
-/// Dihedral angles of the whole mesh; `facets` holds the sorted surface facets, in order.
-Angles measure(const TetMesh& mesh, const std::vector<Face>& facets) {
-  constexpr double kSmallAngle = 10;
-  Angles angles;
-  for (const Tet& tet : mesh.tets) {
-    std::array<Vec3, 4> p;
-    for (std::size_t k = 0; k < 4; ++k)
-      p[k] = mesh.points[at(tet[k])];
-    const std::array<Vec3, 4> normals = face_normals(p);
-    double smallest = 180;
-    std::size_t smallest_edge = 0;
-    for (std::size_t e = 0; e < 6; ++e) {
-      // The faces on an edge are those opposite the two other corners.
-      const Vec3& m = normals[kEdges[e][2]];
-      const Vec3& n = normals[kEdges[e][3]];
-      const double angle = std::atan2(norm(cross(m, n)), -dot(m, n)) / kDegree;
-      angles.largest_deg = std::max(angles.largest_deg, angle);
-      if (angle < smallest) {
-        smallest = angle;
-        smallest_edge = e;
-      }
-    }
-    angles.smallest_deg = std::min(angles.smallest_deg, smallest);
-    if (smallest >= kSmallAngle) continue;
-    ++angles.below_10_deg;
-    const auto is_facet = [&](std::size_t k) {
-      return std::binary_search(facets.begin(), facets.end(), sorted_face(tet, k));
-    };
-    if (is_facet(kEdges[smallest_edge][2]) && is_facet(kEdges[smallest_edge][3]))
-      ++angles.wedges_below_10_deg;
-  }
-  return angles;
-}
-
 }  // namespace
-
-double min_dihedral_sine(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
-  // sin(dihedral at edge e) = 3 V |e| / (2 A B), A and B the areas of the two faces on e; with six
-  // volumes and doubled areas that is volume6 |e| / (A2 B2). Squares save the roots.
-  const std::array<Vec3, 4> p{a, b, c, d};
-  const std::array<Vec3, 4> normals = face_normals(p);
-  double area2[4];
-  for (std::size_t k = 0; k < 4; ++k)
-    area2[k] = squared_norm(normals[k]);
-  const double volume = volume6(a, b, c, d);
-  double least = std::numeric_limits<double>::infinity();
-  double most = 0;
-  for (const auto& e : kEdges) {
-    const double areas = area2[e[2]] * area2[e[3]];
-    if (!(areas > 0)) return volume < 0 ? -1 : 0;
-    const double ratio = squared_norm(p[e[0]] - p[e[1]]) / areas;
-    least = std::min(least, ratio);
-    most = std::max(most, ratio);
-  }
-  return volume * std::sqrt(volume > 0 ? least : most);
-}
 
 ImproveTetsStats improve_tets(TetMesh& mesh,
                               const ImproveTetsOptions& options,
                               const StageContext& context) {
   ImproveTetsStats stats;
-  std::vector<Face> facets = mesh.surface.facets;
-  for (Face& facet : facets)
-    std::sort(facet.begin(), facet.end());
-  std::sort(facets.begin(), facets.end());
-  const Angles before = measure(mesh, facets);
   const auto most_insertions = static_cast<std::size_t>(options.max_insertions_per_vertex *
                                                         static_cast<double>(mesh.points.size()));
   Improver improver(mesh, options, context);
+  stats.before = improver.measure();
   while (stats.passes < options.passes) {
     ++stats.passes;
-    const std::size_t flips_then = stats.edge_removals + stats.face_flips;
+    const auto flips_of = [](const ImproveTetsStats& s) {
+      return s.edge_removals + s.face_flips + s.contractions;
+    };
+    const std::size_t flips_then = flips_of(stats);
+    improver.mend(stats);
     improver.flip(stats);
+    if (stats.passes == kPassesBeforeInsertion) improver.shed(options.max_surface_shift_mm, stats);
     const std::size_t moves = improver.smooth();
     stats.moves += moves;
-    const std::size_t inserted = improver.insert(most_insertions - stats.insertions);
+    // Flips and moves come first: they are cheaper, and most of what is poor at first goes by them.
+    const bool may_insert = stats.passes > kPassesBeforeInsertion;
+    const std::size_t inserted =
+        !may_insert ? 0 : improver.insert(most_insertions - stats.insertions, stats);
     stats.insertions += inserted;
-    const std::size_t flips = stats.edge_removals + stats.face_flips - flips_then;
+    const std::size_t flips = flips_of(stats) - flips_then;
     context.log->debug("{}: improvement pass {}: {} flips, {} moves, {} insertions", kStage,
                        stats.passes, flips, moves, inserted);
-    if ((flips + moves + inserted) * kQuietPass < mesh.tets.size()) break;
+    if (may_insert && (flips + moves + inserted) * kQuietPass < improver.slot_count()) break;
   }
-  improver.compact();
-  const Angles after = measure(mesh, facets);
-  stats.min_dihedral_before_deg = before.smallest_deg;
-  stats.max_dihedral_before_deg = before.largest_deg;
-  stats.below_10_deg_before = before.below_10_deg;
-  stats.min_dihedral_after_deg = after.smallest_deg;
-  stats.max_dihedral_after_deg = after.largest_deg;
-  stats.below_10_deg_after = after.below_10_deg;
-  stats.wedges_below_10_deg = after.wedges_below_10_deg;
+  stats.after = improver.measure();
+  improver.close();
   return stats;
 }
 

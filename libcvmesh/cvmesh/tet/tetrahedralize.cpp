@@ -283,8 +283,7 @@ class Result {
     if (std::none_of(mesh.tets.begin(), mesh.tets.end(), is_flat)) return {};
     ImproveTetsOptions repair;
     repair.passes = 3;
-    repair.flip_below_deg = 1;
-    repair.smooth_below_deg = 1;
+    repair.comfort_deg = 1;
     repair.insert_below_deg = 1;
     improve_tets(mesh, repair, context);
     const auto flat = std::find_if(mesh.tets.begin(), mesh.tets.end(), is_flat);
@@ -490,6 +489,7 @@ TetrahedralizeResult tetrahedralize(const InterfaceMesh& surface,
   if (options.improvement_passes > 0) {
     ImproveTetsOptions improvement;
     improvement.passes = options.improvement_passes;
+    improvement.max_surface_shift_mm = options.max_surface_shift_mm;
     result.stats.improvement = improve_tets(result.tets, improvement, context);
     result.stats.steiner_points = result.tets.points.size() - surface.points.size();
   }

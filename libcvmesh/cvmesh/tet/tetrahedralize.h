@@ -13,12 +13,13 @@
 namespace cvmesh {
 
 struct TetrahedralizeOptions {
-  double radius_edge_ratio = 1.4;  ///< TetGen's -q; larger is looser
-  double min_dihedral_deg = 10;    ///< TetGen's second -q value
-  double interior_growth = 1.0;    ///< interior edge length over the sizing field; 0: no bound
-  double time_limit_s = 1800;      ///< of one TetGen run; 0: none
-  double memory_limit_mb = 0;      ///< of the TetGen process; 0: none
-  int improvement_passes = 8;      ///< of `improve_tets` over the result; 0 turns it off
+  double radius_edge_ratio = 1.4;   ///< TetGen's -q; larger is looser
+  double min_dihedral_deg = 10;     ///< TetGen's second -q value
+  double interior_growth = 1.0;     ///< interior edge length over the sizing field; 0: no bound
+  double time_limit_s = 1800;       ///< of one TetGen run; 0: none
+  double memory_limit_mb = 0;       ///< of the TetGen process; 0: none
+  int improvement_passes = 6;       ///< of `improve_tets` over the result; 0 turns it off
+  double max_surface_shift_mm = 0;  ///< of `improve_tets`: flips of surface edges under flat tets
 };
 
 struct TetrahedralizeStats {
@@ -35,7 +36,8 @@ struct TetrahedralizeResult {
   TetrahedralizeStats stats;
 };
 
-/// Tets that fill every material of `surface`, whose points and facets stay as they are.
+/// Tets that fill every material of `surface`, whose points stay as they are; so do its facets,
+/// but for the edge flips that `max_surface_shift_mm` allows.
 ///
 /// The surface is certified first (closed, oriented, free of intersections). TetGen [Si 2015] then
 /// fills it in a helper program, adding points in the interior only, by up to six sets of switches

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/tet/dihedral_angles.h"
+
+#include "cvmesh/tet/open_tets.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+namespace cvmesh {
+namespace {
+
+using Tet = OpenTets::Tet;
+
+constexpr double kDegree = std::numbers::pi / 180;
+
+/// The dihedral angles of a tet at its edges, in the order of `OpenTets::kEdges`, degrees.
+std::array<double, 6> angles_of(const OpenTets& tets, std::int32_t t) {
+  const Tet& tet = tets.tet(t);
+  std::array<Vec3, 4> normals;
+  for (std::size_t k = 0; k < 4; ++k) {
+    const auto& f = OpenTets::kFaces[k];
+    normals[k] = area_vector2(tets.point(tet[f[0]]), tets.point(tet[f[1]]), tets.point(tet[f[2]]));
+  }
+  std::array<double, 6> angles;
+  for (std::size_t e = 0; e < 6; ++e) {
+    // The faces on an edge are those opposite the two other corners.
+    const Vec3& m = normals[OpenTets::kEdges[e][2]];
+    const Vec3& n = normals[OpenTets::kEdges[e][3]];
+    angles[e] = std::atan2(norm(cross(m, n)), -dot(m, n)) / kDegree;
+  }
+  return angles;
+}
+
+/// Angle of the material at a surface edge: that of tet t and of all tets that follow it around
+/// the edge to the facets on either side. More than 360 for an edge inside the material.
+double wedge_at(const OpenTets& tets, std::int32_t t, std::size_t e) {
+  const std::int32_t a = tets.tet(t)[OpenTets::kEdges[e][0]];
+  const std::int32_t b = tets.tet(t)[OpenTets::kEdges[e][1]];
+  double wedge = angles_of(tets, t)[e];
+  for (const std::size_t side : {2U, 3U}) {
+    std::int32_t now = t, behind = tets.tet(t)[OpenTets::kEdges[e][side]];
+    for (;;) {
+      const Tet& corners = tets.tet(now);
+      const auto opposite = static_cast<std::size_t>(
+          std::find(corners.begin(), corners.end(), behind) - corners.begin());
+      const std::int32_t next = tets.neighbour(now, opposite);
+      if (next == OpenTets::kNone) break;
+      if (next == t) return 361;
+      for (const std::int32_t v : corners)
+        if (v != a && v != b && v != behind) {
+          behind = v;
+          break;
+        }
+      const std::array<double, 6> angles = angles_of(tets, next);
+      for (std::size_t k = 0; k < 6; ++k) {
+        const std::int32_t v = tets.tet(next)[OpenTets::kEdges[k][0]];
+        const std::int32_t w = tets.tet(next)[OpenTets::kEdges[k][1]];
+        if ((v == a && w == b) || (v == b && w == a)) wedge += angles[k];
+      }
+      now = next;
+    }
+  }
+  return wedge;
+}
+
+}  // namespace
+
+DihedralAngles measure_dihedral_angles(const OpenTets& tets) {
+  DihedralAngles result;
+  const auto add_free = [&](double min_deg, double max_deg) {
+    result.min_outside_wedges_deg = std::min(result.min_outside_wedges_deg, min_deg);
+    result.max_outside_wedges_deg = std::max(result.max_outside_wedges_deg, max_deg);
+  };
+  for (std::int32_t t = 0; static_cast<std::size_t>(t) < tets.slot_count(); ++t) {
+    if (tets.is_removed(t)) continue;
+    const std::array<double, 6> angles = angles_of(tets, t);
+    const auto [min, max] = std::minmax_element(angles.begin(), angles.end());
+    result.min_deg = std::min(result.min_deg, *min);
+    result.max_deg = std::max(result.max_deg, *max);
+    if (*min >= kPoorMinDeg && *max <= kPoorMaxDeg) {
+      add_free(*min, *max);
+      continue;
+    }
+    PoorTet poor{{}, tets.material(t), *min, *max, 0};
+    for (const std::int32_t v : tets.tet(t))
+      poor.position += tets.point(v) / 4;
+    double wedge = kNarrowWedgeDeg;
+    for (std::size_t e = 0; e < 6; ++e)
+      wedge = std::min(wedge, wedge_at(tets, t, e));
+    if (wedge < kNarrowWedgeDeg) {
+      poor.wedge_deg = wedge;
+      ++result.poor_in_wedges;
+      result.least_share_of_wedge = std::min(result.least_share_of_wedge, *min / wedge);
+    } else {
+      ++result.poor;
+      add_free(*min, *max);
+    }
+    result.places.push_back(poor);
+  }
+  std::stable_sort(result.places.begin(), result.places.end(),
+                   [](const PoorTet& a, const PoorTet& b) { return a.min_deg < b.min_deg; });
+  if (result.places.size() > DihedralAngles::kMostPlaces)
+    result.places.resize(DihedralAngles::kMostPlaces);
+  return result;
+}
+
+}  // namespace cvmesh
