@@ -19,6 +19,12 @@ struct TetMesh {
   std::vector<std::array<std::int32_t, 4>> tets;
   std::vector<MaterialId> material_of;  ///< per tet, never the exterior
   InterfaceMesh surface;                ///< interfaces and outer boundary
+
+  /// Of second order: the nodes on the edges, none where the mesh is of first order.
+  std::vector<Vec3> mid_points;  ///< grid mm
+  /// Per tet, indices into `mid_points`, on the edges 01, 12, 20, 03, 13, 23 (the order of VTK,
+  /// Abaqus and CalculiX).
+  std::vector<std::array<std::int32_t, 6>> mid_of;
 };
 
 }  // namespace cvmesh
