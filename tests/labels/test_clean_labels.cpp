@@ -624,3 +624,41 @@ TEST_CASE("clean_labels: bad inputs are refused with the way out", "[labels][uni
     image.values[i] = static_cast<Label>(i);
   check_fails(image, {}, ErrorCode::BadInput, "65534");
 }
+
+TEST_CASE("clean_labels: only the labels to keep are left, with what is merged into them",
+          "[labels][unit]") {
+  InputVolume input = filled(30, 10, 10);
+  put_box(input, {3, 3, 3}, {5, 6, 6}, 1);
+  put_box(input, {8, 3, 3}, {10, 6, 6}, 2);
+  put_box(input, {20, 3, 3}, {26, 6, 6}, 3);
+  put_box(input, {13, 3, 3}, {15, 6, 6}, 4);
+  CleanLabelsOptions options;
+  options.keep_labels = {2};
+  options.merge_labels = {{2, {4}}, {1, {3}}};
+  const CleanLabelsResult result = clean(input, options);
+  CHECK(result.labels.label_of == std::vector<Label>{0, 2});
+  REQUIRE(result.stats.accounts.size() == 4);
+  CHECK(result.stats.accounts[0].is_dropped);
+  CHECK(result.stats.accounts[1].voxels_kept == 2 * 3 * 16);
+  CHECK(result.stats.accounts[2].is_dropped);
+  CHECK_FALSE(result.stats.accounts[3].is_dropped);
+
+  const auto refusal = [&](const CleanLabelsOptions& bad) {
+    try {
+      clean(input, bad);
+    } catch (const Error& error) {
+      CHECK(error.code() == ErrorCode::BadParameter);
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  CleanLabelsOptions bad;
+  bad.keep_labels = {2};
+  bad.drop_labels = {1};
+  CHECK(refusal(bad).find("keep_labels (2) and drop_labels (1)") != std::string::npos);
+  bad = {};
+  bad.keep_labels = {9};
+  CHECK(refusal(bad).find("keep_labels") != std::string::npos);
+  bad.keep_labels = {0};
+  CHECK(refusal(bad).find("mesh_background") != std::string::npos);
+}

@@ -55,6 +55,15 @@ class Placement {
     return tet;
   }
 
+  /// The nodes on the edges of a tet, in the order of `TetMesh::mid_of`.
+  [[nodiscard]] std::array<std::int32_t, 6> operator()(std::array<std::int32_t, 6> mids) const {
+    if (is_mirroring_) {
+      std::swap(mids[1], mids[4]);  // edges 12 and 13
+      std::swap(mids[2], mids[3]);  // edges 20 and 03
+    }
+    return mids;
+  }
+
  private:
   Affine map_;
   bool is_mirroring_;

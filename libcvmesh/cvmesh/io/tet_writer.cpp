@@ -11,7 +11,7 @@
 namespace cvmesh {
 namespace {
 
-constexpr std::int64_t kVtkTetra = 10;
+constexpr std::uint8_t kVtkTetra = 10, kVtkQuadraticTetra = 24;
 
 template <std::size_t N>
 void append_line(std::string& line,
@@ -37,18 +37,26 @@ void write_vtu(const std::filesystem::path& path,
   const std::size_t count = mesh.tets.size();
   detail::VtkXml xml("UnstructuredGrid");
   xml.add_label_fields(labels, space);
-  xml.begin_piece("NumberOfPoints=\"" + std::to_string(mesh.points.size()) + "\" NumberOfCells=\"" +
+  const bool is_quadratic = !mesh.mid_of.empty();
+  std::vector<Vec3> points = mesh.points;
+  points.insert(points.end(), mesh.mid_points.begin(), mesh.mid_points.end());
+  xml.begin_piece("NumberOfPoints=\"" + std::to_string(points.size()) + "\" NumberOfCells=\"" +
                   std::to_string(count) + "\"");
   xml.begin_section("CellData", " Scalars=\"labels\"");
   xml.add_int32("labels", count, [&](std::size_t i) { return label_of[mesh.material_of[i]]; });
   xml.end_section();
-  xml.add_points(mesh.points, place);
+  xml.add_points(points, place);
   xml.begin_section("Cells");
-  xml.add_int64("connectivity", 4 * count,
-                [&](std::size_t i) { return std::int64_t{place(mesh.tets[i / 4])[i % 4]}; });
+  const std::size_t nodes = is_quadratic ? 10 : 4;
+  const auto mids_from = static_cast<std::int64_t>(mesh.points.size());
+  xml.add_int64("connectivity", nodes * count, [&](std::size_t i) {
+    const std::size_t t = i / nodes, k = i % nodes;
+    return k < 4 ? std::int64_t{place(mesh.tets[t])[k]}
+                 : mids_from + std::int64_t{place(mesh.mid_of[t])[k - 4]};
+  });
   xml.add_int64("offsets", count,
-                [](std::size_t i) { return static_cast<std::int64_t>(4 * (i + 1)); });
-  const std::vector<std::uint8_t> types(count, static_cast<std::uint8_t>(kVtkTetra));
+                [&](std::size_t i) { return static_cast<std::int64_t>(nodes * (i + 1)); });
+  const std::vector<std::uint8_t> types(count, is_quadratic ? kVtkQuadraticTetra : kVtkTetra);
   xml.add_values("types", std::span<const std::uint8_t>(types));
   xml.end_section();
   xml.write(path);

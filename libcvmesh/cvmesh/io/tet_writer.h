@@ -13,7 +13,7 @@ namespace cvmesh {
 ///
 /// Cell array `labels` (Int32, the scalars) holds the user's label of each tet. Field data: `SPACE`
 /// (string), `label_values`, `label_names`, `exterior_label`. A mirroring map swaps two vertices
-/// of every tet, so that volumes stay positive.
+/// of every tet, so that volumes stay positive. Tets of second order become quadratic tetrahedra.
 ///
 /// @param mm_to_out  grid millimetres -> file coordinates
 /// @param space      what those coordinates are
@@ -28,7 +28,8 @@ void write_vtu(const std::filesystem::path& path,
 /// reads back as the same double.
 ///
 /// Tet references are the user's labels. Triangle references count the rows of the interface
-/// table, which comment lines (#) at the top spell out, after one with the space.
+/// table, which comment lines (#) at the top spell out, after one with the space. Tets of second
+/// order are written by their corners: few readers know more.
 /// @throws Error Output when the file cannot be written
 void write_medit(const std::filesystem::path& path,
                  const TetMesh& mesh,

@@ -171,6 +171,34 @@ void check_drops(const CleanLabelsOptions& options, const Counts<Label>& counts)
   }
 }
 
+// The options with `keep_labels` turned into `drop_labels`: the labels that it does not name, nor
+// merges into one that it names.
+CleanLabelsOptions with_drops(const CleanLabelsOptions& given, const Counts<Label>& counts) {
+  if (given.keep_labels.empty()) return given;
+  require(given.drop_labels.empty(), ErrorCode::BadParameter, kStage,
+          fmt::format("keep_labels ({}) and drop_labels ({}) are both given; one of them says it "
+                      "all: remove the other",
+                      names_of(given.keep_labels), names_of(given.drop_labels)));
+  std::set<Label> kept;
+  for (const Label label : given.keep_labels) {
+    require(label != 0, ErrorCode::BadParameter, kStage,
+            "keep_labels names label 0, the background; use mesh_background to mesh it");
+    const auto merge = given.merge_labels.find(label);
+    if (merge == given.merge_labels.end()) {
+      require_present(label, "keep_labels", counts);
+    } else {
+      kept.insert(merge->second.begin(), merge->second.end());
+    }
+    kept.insert(label);
+  }
+  CleanLabelsOptions options = given;
+  for (const auto& [target, sources] : given.merge_labels)
+    if (kept.count(target) == 0) options.merge_labels.erase(target);
+  for (const auto& [label, count] : counts)
+    if (label != 0 && kept.count(label) == 0) options.drop_labels.push_back(label);
+  return options;
+}
+
 void check_merges(const CleanLabelsOptions& options, const Counts<Label>& counts) {
   std::map<Label, std::string> place_of;
   for (const Label label : options.drop_labels)
@@ -278,7 +306,8 @@ std::string removers(const CleanLabelsOptions& options) {
   std::vector<std::string> words;
   if (options.region_of_interest) words.emplace_back("region_of_interest");
   if (!options.merge_labels.empty()) words.emplace_back("merge_labels");
-  if (!options.drop_labels.empty()) words.emplace_back("drop_labels");
+  if (!options.drop_labels.empty())
+    words.emplace_back(options.keep_labels.empty() ? "drop_labels" : "keep_labels");
   if (options.min_hole_voxels > 1) words.emplace_back("min_hole_voxels");
   return fmt::format("{}", fmt::join(words, " and "));
 }
@@ -400,7 +429,7 @@ void drop_empty_materials(LabelVolume& labels,
 }  // namespace
 
 CleanLabelsResult clean_labels(const InputVolume& input,
-                               const CleanLabelsOptions& options,
+                               const CleanLabelsOptions& given,
                                const StageContext& context) {
   CleanLabelsResult result;
   LabelVolume& labels = result.labels;
@@ -408,6 +437,7 @@ CleanLabelsResult clean_labels(const InputVolume& input,
   require(input.frame.size() > 0 && input.values.size() == input.frame.size(), ErrorCode::BadInput,
           kStage, "the label volume has no voxels");
   const Counts<Label> counts = count_values(input);
+  const CleanLabelsOptions options = with_drops(given, counts);
   check_input(input, counts, options);
   stats.accounts = open_accounts(counts, options);
   report_progress(context, kStage, 0.2);

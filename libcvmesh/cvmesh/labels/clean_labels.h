@@ -21,6 +21,7 @@ struct CleanLabelsOptions {
   std::optional<VoxelBox> region_of_interest;        ///< input indices; the rest is cut off
   std::map<Label, std::vector<Label>> merge_labels;  ///< label that stays -> labels that become it
   std::vector<Label> drop_labels;                    ///< these become background
+  std::vector<Label> keep_labels;  ///< if any: all others become background, unless merged into one
   std::map<Label, std::string> names;  ///< label -> name; others are called "label_<value>"
 };
 

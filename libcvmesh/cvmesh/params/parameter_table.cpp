@@ -155,6 +155,10 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
       {.key = "drop_labels",
        .doc = "Labels that become background before islands and holes are looked for.",
        .field = CVMESH_FIELD(clean_labels.drop_labels)},
+      {.key = "keep_labels",
+       .doc = "The only labels to mesh: all others become background, but for those that "
+              "merge_labels turns into one of them. Empty: all.",
+       .field = CVMESH_FIELD(clean_labels.keep_labels)},
       {.key = "labels",
        .doc = "Names, radii and sizes of single labels, by label value: {\"2\": {\"name\": "
               "\"cortical\", "
@@ -302,6 +306,15 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .field = CVMESH_FIELD(tetrahedralize.improvement_passes),
        .min = 0,
        .max = 1000},
+      {.key = "element_order",
+       .doc = "2 for tets with a node on each edge as well.",
+       .field = CVMESH_FIELD(element_order),
+       .min = 1,
+       .max = 2},
+      {.key = "curved_elements",
+       .doc = "With element_order 2: nodes on edges of the surface move onto the dense surface, "
+              "as far as all Jacobians stay positive.",
+       .field = CVMESH_FIELD(curved_elements)},
       {.key = "tetgen_time_limit_s",
        .unit = "s",
        .doc = "Time limit of one TetGen run.",

@@ -83,6 +83,8 @@ struct Parameters {
   DecimateOptions decimate;
   FlipEdgesOptions flip_edges;
   TetrahedralizeOptions tetrahedralize;
+  int element_order = 1;         ///< 2: with nodes on the edges
+  bool curved_elements = false;  ///< those on the surface move onto the dense surface
 };
 
 }  // namespace cvmesh

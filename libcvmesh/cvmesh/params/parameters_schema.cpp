@@ -118,6 +118,7 @@ Json parameters_schema() {
   key_by_label(properties["merge_labels"],
                {{"type", "array"}, {"items", label_value()}, {"minItems", 1}});
   properties["drop_labels"]["items"] = label_value();
+  properties["keep_labels"]["items"] = label_value();
   key_by_label(properties["labels"], entry_schema(label_parameter_table()));
   Json interface = entry_schema(interface_parameter_table());
   Json& pair = interface["properties"]["labels"];

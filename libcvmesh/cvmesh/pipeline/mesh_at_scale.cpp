@@ -136,7 +136,12 @@ TetMesh fill(Run& run,
              InterfaceMesh surface,
              const SizingField& sizing_field) {
   if (run.request.surface_only)
-    return {.points = surface.points, .tets = {}, .material_of = {}, .surface = surface};
+    return {.points = surface.points,
+            .tets = {},
+            .material_of = {},
+            .surface = surface,
+            .mid_points = {},
+            .mid_of = {}};
   TetrahedralizeOptions options = run.request.parameters.tetrahedralize;
   options.max_surface_shift_mm = kMostSurfaceShiftVox * labels.frame().voxel_mm();
   TetrahedralizeResult filled = run.stage.run(

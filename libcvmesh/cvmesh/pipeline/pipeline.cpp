@@ -19,6 +19,7 @@
 #include "cvmesh/pipeline/stage_runner.h"
 #include "cvmesh/pipeline/write_stages.h"
 #include "cvmesh/report/report_json.h"
+#include "cvmesh/tet/second_order.h"
 #include "cvmesh/tet/tetgen_backend.h"
 
 #include <nlohmann/json.hpp>
@@ -197,6 +198,21 @@ void move_to_native_grid(
   run.mm_to_out = mm_to_space(native.frame(), run.space);
 }
 
+/// Nodes on the edges, where elements of second order are asked for.
+void add_mid_nodes(Run& run, const InterfaceMesh& dense, TetMesh& tets) {
+  if (run.request.parameters.element_order < 2 || run.request.surface_only) return;
+  run.report.stages.second_order = run.stage.run(
+      stage_names::kSecondOrder,
+      [&] {
+        return make_second_order(tets, run.request.parameters.curved_elements ? &dense : nullptr,
+                                 run.context);
+      },
+      [](const SecondOrderStats& s) {
+        return fmt::format("{} nodes, {} on the surface moved, {} held back by a Jacobian",
+                           s.mid_nodes, s.moved, s.held_back);
+      });
+}
+
 void measure(Run& run, const LabelVolume& labels, const InterfaceMesh& dense, const TetMesh& tets) {
   const std::size_t material_count = labels.material_count();
   Report& report = run.report;
@@ -251,6 +267,7 @@ void run_stages(Run& run) {
   TetMesh tets = mesh_at_scale(run, labels, std::move(level_sets), dense, std::move(medial_axis));
   if (resampled) move_to_native_grid(run, native, resampled->offset_mm, dense.mesh, tets);
   resampled.reset();
+  add_mid_nodes(run, dense.mesh, tets);
   measure(run, native, dense.mesh, tets);
   write(run, native, tets);
 }

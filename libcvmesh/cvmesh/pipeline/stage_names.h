@@ -20,6 +20,7 @@ inline constexpr char kDecimation[] = "decimation";
 inline constexpr char kEdgeConformity[] = "edge conformity";  // sequential schedule only
 inline constexpr char kEdgeFlipping[] = "edge flipping";
 inline constexpr char kTetrahedra[] = "tetrahedra";
+inline constexpr char kSecondOrder[] = "second-order nodes";  // element_order 2 only
 inline constexpr char kMetrics[] = "metrics";
 inline constexpr char kWrite[] = "write";
 

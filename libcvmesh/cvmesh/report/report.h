@@ -22,6 +22,7 @@
 #include "cvmesh/surface/decimate.h"
 #include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/surface/insert_particles.h"
+#include "cvmesh/tet/second_order.h"
 #include "cvmesh/tet/tetrahedralize.h"
 
 #include <array>
@@ -74,6 +75,7 @@ struct StageResults {
   std::optional<ConformEdgesStats> edge_conformity;  ///< only of the sequential schedule
   std::optional<FlipEdgesStats> edge_flipping;
   std::optional<TetrahedralizeStats> tetrahedra;
+  std::optional<SecondOrderStats> second_order;
 };
 
 /// Topology of one material from voxels to mesh. For a solid, the Euler characteristic of the

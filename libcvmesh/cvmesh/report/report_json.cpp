@@ -169,6 +169,7 @@ Json stages_json(const Report& report) {
   if (stages.tetrahedra)
     object["tetrahedra"]["poor_tets"] =
         poor_tets_json(stages.tetrahedra->improvement.after.places, report.label_of);
+  add(object, "second_order_nodes", stages.second_order);
   return object;
 }
 

@@ -181,6 +181,14 @@ void to_json(Json& json, const ImproveTetsStats& stats) {
           {"dihedral_after", stats.after}};
 }
 
+void to_json(Json& json, const SecondOrderStats& stats) {
+  json = {{"mid_nodes", stats.mid_nodes},
+          {"moved", stats.moved},
+          {"held_back", stats.held_back},
+          {"max_shift_mm", stats.max_shift_mm},
+          {"least_jacobian", stats.least_jacobian}};
+}
+
 void to_json(Json& json, const ParticleCounts& counts) {
   json = {{"total", counts.total},         {"corners", counts.corners},
           {"on_curves", counts.on_curves}, {"on_interfaces", counts.on_interfaces},

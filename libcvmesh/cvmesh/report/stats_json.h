@@ -33,6 +33,7 @@ void to_json(nlohmann::ordered_json& json, const TetrahedralizeStats& stats);
 /// The counts; the places go where their labels are known.
 void to_json(nlohmann::ordered_json& json, const DihedralAngles& angles);
 void to_json(nlohmann::ordered_json& json, const ImproveTetsStats& stats);
+void to_json(nlohmann::ordered_json& json, const SecondOrderStats& stats);
 
 void to_json(nlohmann::ordered_json& json, const ParticleCounts& counts);
 void to_json(nlohmann::ordered_json& json, const MeshCounts& counts);

@@ -44,7 +44,7 @@ void check_options(const TetrahedralizeOptions& options) {
               ") is not within 0 to 30; use 10");
   require(options.interior_growth >= 0, ErrorCode::BadParameter, kStage,
           "interior_growth (" + format_number(options.interior_growth) +
-              ") is negative; use 1, or 0 for no bound");
+              ") is negative; use 0.8, or 0 for no bound");
   require(options.improvement_passes >= 0, ErrorCode::BadParameter, kStage,
           "tet_improvement_passes (" + std::to_string(options.improvement_passes) +
               ") is negative; use 0 to turn the improvement off");
