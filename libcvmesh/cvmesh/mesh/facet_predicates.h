@@ -25,6 +25,13 @@ bool is_degenerate(const std::vector<Vec3>& points, const VertexTriple& t);
 /// True when p is inside tet abcd or on its boundary; false for a flat tet.
 bool is_in_tet(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d);
 
+/// True when two facets without a shared vertex, which do not intersect, come nearer to each other
+/// than `clearance`. In double precision.
+bool are_facets_near(const std::vector<Vec3>& points,
+                     const VertexTriple& s,
+                     const VertexTriple& t,
+                     double clearance);
+
 inline Box3 box_of(const std::vector<Vec3>& points, const VertexTriple& t) {
   Box3 box;
   for (const auto v : t)

@@ -53,8 +53,13 @@ struct RemovalPlan {
 // Plans removals. Only looks at the surfaces: planners of several threads work at the same time.
 class RemovalPlanner {
  public:
-  RemovalPlanner(const MaterialSurfaces& surfaces, const FacetIndex& index, double deviation_mm)
-      : surfaces_(surfaces), guard_(surfaces, index), objective_{deviation_mm} {}
+  RemovalPlanner(const MaterialSurfaces& surfaces,
+                 const FacetIndex& index,
+                 double voxel_mm,
+                 double deviation_mm)
+      : surfaces_(surfaces),
+        guard_(surfaces, index, kClearanceVox * voxel_mm),
+        objective_{deviation_mm} {}
 
   void plan(std::int32_t vertex, const RingLimits& limits, RemovalPlan& plan) {
     plan.vertex = vertex;
@@ -315,8 +320,9 @@ class Decimator {
   Decimator(MaterialSurfaces& surfaces, double voxel_mm, double deviation_mm)
       : surfaces_(surfaces),
         index_(index_facets(surfaces, voxel_mm)),
-        planners_(
-            [this, deviation_mm] { return RemovalPlanner(surfaces_, index_, deviation_mm); }) {}
+        planners_([this, voxel_mm, deviation_mm] {
+          return RemovalPlanner(surfaces_, index_, voxel_mm, deviation_mm);
+        }) {}
 
   /// Tries each vertex once; calls `tell(vertex, refusal)` in the order in which they were settled.
   template <typename Tell>

@@ -16,6 +16,12 @@ Box3 bounds_of(const MaterialSurfaces& surfaces) {
   return box;
 }
 
+Box3 grown(Box3 box, double margin) {
+  box.lo -= margin * Vec3{1, 1, 1};
+  box.hi += margin * Vec3{1, 1, 1};
+  return box;
+}
+
 bool holds(std::span<const std::int32_t> ids, std::int32_t id) {
   return std::find(ids.begin(), ids.end(), id) != ids.end();
 }
@@ -38,7 +44,7 @@ void EmbeddingGuard::begin(const Box3& box,
                            std::span<const std::int32_t> ring) {
   nearby_.clear();
   nearby_vertices_.clear();
-  index_.query(box, [&](const FacetIndex::Entry& entry) {
+  index_.query(grown(box, clearance_mm_), [&](const FacetIndex::Entry& entry) {
     if (!holds(replaced, entry.id)) nearby_.push_back(entry);
   });
   for (const FacetIndex::Entry& entry : nearby_)
@@ -50,10 +56,14 @@ void EmbeddingGuard::begin(const Box3& box,
 }
 
 bool EmbeddingGuard::intersects_nearby(const VertexTriple& t) const {
-  const Box3 box = box_of(surfaces_.points(), t);
+  const Box3 box = grown(box_of(surfaces_.points(), t), clearance_mm_);
   return std::any_of(nearby_.begin(), nearby_.end(), [&](const FacetIndex::Entry& entry) {
-    return entry.overlaps(box) &&
-           facets_intersect(surfaces_.points(), t, surfaces_.facets()[entry.id].vertices);
+    if (!entry.overlaps(box)) return false;
+    const VertexTriple& s = surfaces_.facets()[entry.id].vertices;
+    if (facets_intersect(surfaces_.points(), t, s)) return true;
+    const bool is_apart =
+        std::none_of(t.begin(), t.end(), [&](std::int32_t v) { return holds(s, v); });
+    return is_apart && are_facets_near(surfaces_.points(), s, t, clearance_mm_);
   });
 }
 

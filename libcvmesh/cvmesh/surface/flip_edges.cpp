@@ -36,7 +36,7 @@ class Flipper {
   Flipper(MaterialSurfaces& surfaces, double voxel_mm, double deviation_mm)
       : surfaces_(surfaces),
         index_(index_facets(surfaces, voxel_mm)),
-        guard_(surfaces, index_),
+        guard_(surfaces, index_, kClearanceVox * voxel_mm),
         objective_{deviation_mm},
         spacing_mm_(voxel_mm),
         samples_(surfaces.samples()) {}

@@ -27,7 +27,7 @@ class Inserter {
       : surfaces_(surfaces),
         strata_(strata),
         index_(index_facets(surfaces, voxel_mm)),
-        guard_(surfaces, index_),
+        guard_(surfaces, index_, 0),
         is_taken_(surfaces.points().size(), false) {}
 
   std::int32_t insert(const Particle& particle, InsertParticlesStats& stats) {
