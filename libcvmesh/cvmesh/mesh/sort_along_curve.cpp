@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <numeric>
 #include <utility>
 
 namespace cvmesh {
@@ -25,19 +26,28 @@ std::uint64_t spread(std::uint64_t x) {
 
 using Ranked = std::pair<std::uint64_t, std::int32_t>;  // where on the curve, old number
 
+// Where the cell of a point is on the curve.
+std::uint64_t place_on_curve(const Vec3& p, const Vec3& origin, double cell_mm) {
+  const Vec3 cell = (p - origin) / cell_mm;
+  return spread(static_cast<std::uint64_t>(cell.x)) |
+         spread(static_cast<std::uint64_t>(cell.y)) << 1 |
+         spread(static_cast<std::uint64_t>(cell.z)) << 2;
+}
+
+Box3 bounds_of(const std::vector<Vec3>& points) {
+  Box3 box;
+  for (const Vec3& p : points)
+    box.add(p);
+  return box;
+}
+
 }  // namespace
 
 void sort_along_curve(InterfaceMesh& mesh, double cell_mm) {
-  Box3 box;
-  for (const Vec3& p : mesh.points)
-    box.add(p);
+  const Box3 box = bounds_of(mesh.points);
   std::vector<Ranked> order(mesh.points.size());
   parallel_for_each_index(0, order.size(), [&](std::size_t v) {
-    const Vec3 cell = (mesh.points[v] - box.lo) / cell_mm;
-    order[v] = {spread(static_cast<std::uint64_t>(cell.x)) |
-                    spread(static_cast<std::uint64_t>(cell.y)) << 1 |
-                    spread(static_cast<std::uint64_t>(cell.z)) << 2,
-                static_cast<std::int32_t>(v)};
+    order[v] = {place_on_curve(mesh.points[v], box.lo, cell_mm), static_cast<std::int32_t>(v)};
   });
   parallel_sort(order.begin(), order.end());
   std::vector<Vec3> points(order.size());
@@ -68,6 +78,46 @@ void sort_along_curve(InterfaceMesh& mesh, double cell_mm) {
   });
   mesh.facets = std::move(facets);
   mesh.patch_of = std::move(patch_of);
+}
+
+void sort_along_curve(TetMesh& mesh, double cell_mm) {
+  const Box3 box = bounds_of(mesh.points);
+  const std::size_t first = mesh.surface.points.size();
+  std::vector<Ranked> order(mesh.points.size() - first);
+  parallel_for_each_index(0, order.size(), [&](std::size_t n) {
+    order[n] = {place_on_curve(mesh.points[first + n], box.lo, cell_mm),
+                static_cast<std::int32_t>(first + n)};
+  });
+  parallel_sort(order.begin(), order.end());
+  std::vector<Vec3> points(mesh.points.begin(),
+                           mesh.points.begin() + static_cast<std::ptrdiff_t>(first));
+  std::vector<std::int32_t> new_number(mesh.points.size());
+  std::iota(new_number.begin(), new_number.end(), 0);
+  for (const Ranked& ranked : order) {
+    new_number[static_cast<std::size_t>(ranked.second)] = static_cast<std::int32_t>(points.size());
+    points.push_back(mesh.points[static_cast<std::size_t>(ranked.second)]);
+  }
+  mesh.points = std::move(points);
+
+  std::vector<Ranked> tet_order(mesh.tets.size());
+  parallel_for_each_index(0, tet_order.size(), [&](std::size_t t) {
+    Vec3 centroid;
+    for (std::int32_t& v : mesh.tets[t]) {
+      v = new_number[static_cast<std::size_t>(v)];
+      centroid += mesh.points[static_cast<std::size_t>(v)] / 4;
+    }
+    tet_order[t] = {place_on_curve(centroid, box.lo, cell_mm), static_cast<std::int32_t>(t)};
+  });
+  parallel_sort(tet_order.begin(), tet_order.end());
+  std::vector<std::array<std::int32_t, 4>> tets(tet_order.size());
+  std::vector<MaterialId> material_of(tet_order.size());
+  parallel_for_each_index(0, tet_order.size(), [&](std::size_t n) {
+    const auto old = static_cast<std::size_t>(tet_order[n].second);
+    tets[n] = mesh.tets[old];
+    material_of[n] = mesh.material_of[old];
+  });
+  mesh.tets = std::move(tets);
+  mesh.material_of = std::move(material_of);
 }
 
 }  // namespace cvmesh

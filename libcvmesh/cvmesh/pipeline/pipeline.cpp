@@ -2,6 +2,7 @@
 #include "cvmesh/pipeline/pipeline.h"
 
 #include "cvmesh/core/error.h"
+#include "cvmesh/core/parallel.h"
 #include "cvmesh/core/version.h"
 #include "cvmesh/interfaces/extract_interfaces.h"
 #include "cvmesh/io/json_io.h"
@@ -239,7 +240,27 @@ void measure(Run& run, const LabelVolume& labels, const InterfaceMesh& dense, co
       });
 }
 
+/// Tets may be so flat that the rounding of the file's coordinates turns them over.
+void require_positive(Run& run, const TetMesh& tets) {
+  const auto corner = [&](std::size_t t, std::size_t k) {
+    return run.mm_to_out(tets.points[static_cast<std::size_t>(tets.tets[t][k])]);
+  };
+  const double sign = run.mm_to_out.determinant() < 0 ? -1 : 1;
+  const std::size_t turned = deterministic_reduce(
+      0, tets.tets.size(), std::size_t{0},
+      [&](std::size_t t) {
+        const double volume = volume6(corner(t, 0), corner(t, 1), corner(t, 2), corner(t, 3));
+        return std::size_t{sign * volume > 0 ? 0U : 1U};
+      },
+      std::plus<>());
+  require(turned == 0, ErrorCode::StageFailed, stage_names::kWrite,
+          fmt::format("{} tets are so flat that they turn over in {} coordinates; make the surface "
+                      "finer (smaller epsilon), or use --space grid",
+                      turned, space_name(run.space)));
+}
+
 void write(Run& run, const LabelVolume& labels, const TetMesh& tets) {
+  require_positive(run, tets);
   run.stage.run(
       stage_names::kWrite,
       [&] {

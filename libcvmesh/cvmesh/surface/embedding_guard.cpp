@@ -60,10 +60,8 @@ bool EmbeddingGuard::intersects_nearby(const VertexTriple& t) const {
   return std::any_of(nearby_.begin(), nearby_.end(), [&](const FacetIndex::Entry& entry) {
     if (!entry.overlaps(box)) return false;
     const VertexTriple& s = surfaces_.facets()[entry.id].vertices;
-    if (facets_intersect(surfaces_.points(), t, s)) return true;
-    const bool is_apart =
-        std::none_of(t.begin(), t.end(), [&](std::int32_t v) { return holds(s, v); });
-    return is_apart && are_facets_near(surfaces_.points(), s, t, clearance_mm_);
+    return facets_intersect(surfaces_.points(), t, s) ||
+           are_facets_near(surfaces_.points(), s, t, clearance_mm_);
   });
 }
 

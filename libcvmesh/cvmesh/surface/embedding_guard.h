@@ -17,9 +17,10 @@ FacetIndex index_facets(const MaterialSurfaces& surfaces, double voxel_mm);
 /// Puts a new or changed facet into the index.
 void insert_facet(const MaterialSurfaces& surfaces, std::int32_t facet, FacetIndex& index);
 
-/// Clearance that decimation and flips keep, in voxels: what a file in single precision, and
-/// TetGen's tolerance, still tell apart. More (0.02) made vertices stay in narrow places, 57
-/// instead of 10 on the spine at epsilon 4, and tets there poorer.
+/// Clearance that decimation and flips keep, in voxels: what TetGen's tolerance, and rounding to
+/// the file's coordinates, still tell apart. Without it facets folded onto each other to the last
+/// bit remained at the border of the image, whose tets turned over in the file. With more (0.02)
+/// vertices stayed in narrow places, 57 instead of 10 on the spine at epsilon 4.
 inline constexpr double kClearanceVox = 0.001;
 
 /// Decides whether facets may change places without any two facets intersecting or one part of the
@@ -31,7 +32,7 @@ inline constexpr double kClearanceVox = 0.001;
 class EmbeddingGuard {
  public:
   /// Both must outlive the guard.
-  /// @param clearance_mm  facets without a common vertex must stay this far from each other
+  /// @param clearance_mm  how far facets must stay from each other, but for what they share
   EmbeddingGuard(const MaterialSurfaces& surfaces, const FacetIndex& index, double clearance_mm)
       : surfaces_(surfaces), index_(index), clearance_mm_(clearance_mm) {}
 
@@ -44,8 +45,8 @@ class EmbeddingGuard {
   /// Facets that `begin` collected.
   [[nodiscard]] const std::vector<FacetIndex::Entry>& nearby() const { return nearby_; }
 
-  /// True when triangle t meets a nearby facet in more than shared vertices and edges, or has none
-  /// in common with it and comes nearer than the clearance.
+  /// True when triangle t meets a nearby facet in more than shared vertices and edges, or comes
+  /// nearer to it than the clearance.
   [[nodiscard]] bool intersects_nearby(const VertexTriple& t) const;
 
   /// True when a vertex of a nearby facet, other than those of the ring of the change, lies in the

@@ -4,6 +4,7 @@
 #include "cvmesh/core/box3.h"
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
+#include "cvmesh/mesh/sort_along_curve.h"
 #include "cvmesh/mesh/validate.h"
 #include "cvmesh/tet/tetgen_backend.h"
 
@@ -250,6 +251,8 @@ class Result {
     fault = assign_materials(mesh);
     if (!fault.empty()) return fault;
     drop_unused_points(mesh);
+    // TetGen's order jumps through space; what follows walks over small neighbourhoods.
+    sort_along_curve(mesh, mean_edge(mesh));
     fault = repair_flat_tets(mesh, context);
     if (!fault.empty()) return fault;
     return check_volumes(mesh);
@@ -361,6 +364,14 @@ class Result {
     const Sides sides = surface_.patch_of[static_cast<std::size_t>(facet)].sides;
     return is_even(face, surface_.facets[static_cast<std::size_t>(facet)]) ? sides.inside
                                                                            : sides.outside;
+  }
+
+  static double mean_edge(const TetMesh& mesh) {
+    double sum = 0;
+    for (const auto& tet : mesh.tets)
+      sum += distance(mesh.points[static_cast<std::size_t>(tet[0])],
+                      mesh.points[static_cast<std::size_t>(tet[1])]);
+    return sum / static_cast<double>(mesh.tets.size());
   }
 
   static std::string keep_meshed(TetMesh& mesh,
