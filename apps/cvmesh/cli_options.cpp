@@ -71,7 +71,7 @@ void add_mesh_command(CLI::App& app, CliOptions& options, std::string& space, st
                        "CalculiX)")
           ->delimiter(',')
           ->allow_extra_args(false)
-          ->check(CLI::IsMember(formats_by_name()))
+          ->transform(CLI::IsMember(formats_by_name(), CLI::ignore_case))
           ->default_str("vtu,mesh");
   mesh->add_option("--set", options.mesh.settings,
                    "key=value, over the parameter file; labels.2.epsilon=0.5 for one label")
