@@ -28,6 +28,7 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
+#include <array>
 #include <memory>
 #include <new>
 #include <set>
