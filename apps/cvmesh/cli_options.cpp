@@ -29,8 +29,9 @@ constexpr char kExamples[] =
     "n";
 
 constexpr char kMeshFooter[] =
-    "With NAME the input's name without suffix, writes NAME.vtu, NAME.mesh, NAME.surface.vtp and,\n"
-    "last, NAME.metrics.json; a run that fails leaves NAME.failed.json only.";
+    "With NAME the input's name without suffix, writes NAME.vtu and NAME.mesh (or what --formats\n"
+    "names), NAME.surface.vtp and, last, NAME.metrics.json; a run that fails leaves\n"
+    "NAME.failed.json only.";
 
 const std::map<std::string, std::string>& space_choices() {
   static const std::map<std::string, std::string> choices = {
@@ -43,6 +44,12 @@ std::optional<Space> space_of(const std::string& name) {
   if (name == "lps") return Space::Lps;
   if (name == "grid") return Space::Grid;
   return std::nullopt;
+}
+
+const std::map<std::string, MeshFormat>& formats_by_name() {
+  static const std::map<std::string, MeshFormat> formats = {
+      {"vtu", MeshFormat::Vtu}, {"mesh", MeshFormat::Mesh}, {"inp", MeshFormat::Inp}};
+  return formats;
 }
 
 void add_mesh_command(CLI::App& app, CliOptions& options, std::string& space, std::string& seed) {
@@ -58,6 +65,14 @@ void add_mesh_command(CLI::App& app, CliOptions& options, std::string& space, st
                    "Coordinates of the results: the input's own, RAS, LPS, or grid mm")
       ->transform(CLI::IsMember(space_choices(), CLI::ignore_case))
       ->default_str("input");
+  CLI::Option* formats =
+      mesh->add_option("--formats", options.mesh.formats,
+                       "Files of the tets, as in vtu,inp: vtu (VTK), mesh (Medit), inp (Abaqus and "
+                       "CalculiX)")
+          ->delimiter(',')
+          ->allow_extra_args(false)
+          ->transform(CLI::IsMember(formats_by_name(), CLI::ignore_case))
+          ->default_str("vtu,mesh");
   mesh->add_option("--set", options.mesh.settings,
                    "key=value, over the parameter file; labels.2.epsilon=0.5 for one label")
       ->allow_extra_args(false);
@@ -67,7 +82,8 @@ void add_mesh_command(CLI::App& app, CliOptions& options, std::string& space, st
       ->check(CLI::Range(1, 4096));
   mesh->add_flag("--keep-stages", options.mesh.keep_stages,
                  "Write each stage's result to OUT/stages");
-  mesh->add_flag("--surface-only", options.mesh.surface_only, "Stop before the tets");
+  mesh->add_flag("--surface-only", options.mesh.surface_only, "Stop before the tets")
+      ->excludes(formats);
   CLI::Option* quiet = mesh->add_flag("-q,--quiet", options.is_quiet, "Warnings and errors only");
   mesh->add_flag("-v,--verbose", options.is_verbose, "Say more")->excludes(quiet);
 }
@@ -110,6 +126,9 @@ RunRequest make_request(const MeshCommand& command) {
   request.space = command.space;
   request.keep_stages = command.keep_stages;
   request.surface_only = command.surface_only;
+  request.formats.clear();
+  for (const std::string& name : command.formats)
+    request.formats.insert(formats_by_name().at(name));
   return request;
 }
 

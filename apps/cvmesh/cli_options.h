@@ -15,6 +15,7 @@ struct MeshCommand {
   std::string input, params_file, out_dir = ".";
   std::optional<Space> space;         ///< empty: the input's own
   std::vector<std::string> settings;  ///< "key=value", `--seed N` among them
+  std::vector<std::string> formats = {"vtu", "mesh"};
   bool keep_stages = false, surface_only = false;
 };
 

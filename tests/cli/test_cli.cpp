@@ -279,6 +279,44 @@ TEST_CASE("cvmesh mesh: logs one line per stage and a summary, or nothing when q
   CHECK(read_json(folder / "out/a.metrics.json")["timings"]["threads"] == 3);
 }
 
+TEST_CASE("cvmesh mesh: --formats chooses the files of the tets", "[cli]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(6));
+  const auto mesh = [&](const std::vector<std::string>& more) {
+    Words words = {"mesh", "--out", (folder / "out").string()};
+    words.insert(words.end(), more.begin(), more.end());
+    words.push_back((folder / "a.nii").string());
+    return run_cli::cvmesh(words);
+  };
+  const auto written = [&] {
+    Words suffixes;
+    for (const char* suffix : {".vtu", ".mesh", ".inp", ".surface.vtp", ".metrics.json"})
+      if (fs::exists(folder / (std::string("out/a") + suffix))) suffixes.emplace_back(suffix);
+    return suffixes;
+  };
+  for (const char* names : {"stl", "vtu,stl", ""}) {
+    const Outcome unknown = mesh({"--formats", names});
+    INFO(unknown.err);
+    CHECK(unknown.exit_code == 2);
+    for (const char* known : {"--formats", "inp", "mesh", "vtu"})
+      CHECK(contains(unknown.err, known));
+  }
+  CHECK(mesh({"--formats", "inp", "--surface-only"}).exit_code == 2);
+  CHECK_FALSE(fs::exists(folder / "out"));
+
+  CHECK(mesh({"--formats", "inp"}).exit_code == 0);
+  CHECK(written() == Words{".inp", ".surface.vtp", ".metrics.json"});
+  CHECK(mesh({"--formats", "inp,VTU"}).exit_code == 0);
+  CHECK(written() == Words{".vtu", ".inp", ".surface.vtp", ".metrics.json"});
+  CHECK(mesh({}).exit_code == 0);
+  CHECK(written() == Words{".vtu", ".mesh", ".surface.vtp", ".metrics.json"});
+
+  // Somebody's own deck is no result of an earlier run.
+  image_files::write_file(folder / "out/a.inp", "** my job\n*INCLUDE, INPUT=mesh.inp\n");
+  CHECK(mesh({}).exit_code == 0);
+  CHECK(written() == Words{".vtu", ".mesh", ".inp", ".surface.vtp", ".metrics.json"});
+}
+
 TEST_CASE("cvmesh mesh: SIGTERM ends the run with 128+15 and leaves no mesh", "[cli]") {
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::ball(45));

@@ -3,10 +3,13 @@
 
 #include "cvmesh/core/error.h"
 #include "cvmesh/io/atomic_file.h"
+#include "cvmesh/io/inp_writer.h"
 #include "cvmesh/pipeline/stage_names.h"
 
 #include <algorithm>
 #include <array>
+#include <fstream>
+#include <string_view>
 #include <system_error>
 
 namespace cvmesh {
@@ -18,6 +21,7 @@ namespace {
 constexpr char kStageFolder[] = "stages";
 constexpr char kFailureSuffix[] = ".failed.json";
 constexpr std::array kResultSuffixes = {".metrics.json", ".vtu", ".mesh", ".surface.vtp"};
+constexpr char kDeckSuffix[] = ".inp";
 constexpr std::array kStageFiles = {"dense.off",     "medial_axis.vtp", "sizing_field.vtp",
                                     "particles.vtp", "augmented.off",   "sparse.off"};
 
@@ -27,6 +31,13 @@ void check_writable(const fs::path& folder) {
   AtomicFile(probe).commit();
   std::error_code ignored;
   fs::remove(probe, ignored);
+}
+
+/// Decks that people write have that suffix, too: an earlier run's file says so in its first line.
+bool is_our_deck(const fs::path& file) {
+  std::string line;
+  std::ifstream stream(file);
+  return std::getline(stream, line) && line == kInpFirstLine;
 }
 
 }  // namespace
@@ -49,6 +60,8 @@ OutputFolder::OutputFolder(fs::path folder, std::string name)
   std::error_code ignored;
   for (const char* suffix : kResultSuffixes)
     fs::remove(folder_ / (name_ + suffix), ignored);
+  const fs::path deck = folder_ / (name_ + kDeckSuffix);
+  if (is_our_deck(deck)) fs::remove(deck, ignored);
   for (const char* file : kStageFiles)
     fs::remove(folder_ / kStageFolder / file, ignored);
   fs::remove(folder_ / kStageFolder, ignored);  // only if nothing else is in it

@@ -5,6 +5,7 @@
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/core/version.h"
 #include "cvmesh/interfaces/extract_interfaces.h"
+#include "cvmesh/io/inp_writer.h"
 #include "cvmesh/io/json_io.h"
 #include "cvmesh/io/output_tables.h"
 #include "cvmesh/io/surface_writer.h"
@@ -28,6 +29,7 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
+#include <array>
 #include <memory>
 #include <new>
 #include <set>
@@ -259,16 +261,33 @@ void require_positive(Run& run, const TetMesh& tets) {
                       turned, space_name(run.space)));
 }
 
+void write_tets(Run& run, const LabelVolume& labels, const TetMesh& tets) {
+  struct Writer {
+    MeshFormat format;
+    const char* suffix;
+    decltype(&write_vtu) write;
+  };
+
+  constexpr std::array<Writer, 3> kWriters = {{{MeshFormat::Vtu, ".vtu", &write_vtu},
+                                               {MeshFormat::Mesh, ".mesh", &write_medit},
+                                               {MeshFormat::Inp, ".inp", &write_inp}}};
+  const std::set<MeshFormat>& formats = run.request.formats;
+  std::size_t written = 0;
+  for (const Writer& writer : kWriters) {
+    if (formats.count(writer.format) == 0) continue;
+    writer.write(run.outputs.add(writer.suffix), tets, labels, run.mm_to_out, run.space);
+    ++written;
+    report_progress(run.context, stage_names::kWrite,
+                    static_cast<double>(written) / static_cast<double>(formats.size() + 1));
+  }
+}
+
 void write(Run& run, const LabelVolume& labels, const TetMesh& tets) {
   require_positive(run, tets);
   run.stage.run(
       stage_names::kWrite,
       [&] {
-        if (!run.request.surface_only) {
-          write_vtu(run.outputs.add(".vtu"), tets, labels, run.mm_to_out, run.space);
-          report_progress(run.context, stage_names::kWrite, 0.5);
-          write_medit(run.outputs.add(".mesh"), tets, labels, run.mm_to_out, run.space);
-        }
+        if (!run.request.surface_only) write_tets(run, labels, tets);
         write_surface_vtp(run.outputs.add(".surface.vtp"), tets.surface, labels, run.mm_to_out,
                           run.space);
         return run.outputs.files().size();

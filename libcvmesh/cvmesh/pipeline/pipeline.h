@@ -8,9 +8,13 @@
 
 #include <filesystem>
 #include <optional>
+#include <set>
 #include <vector>
 
 namespace cvmesh {
+
+/// Files of the tets: NAME.vtu, NAME.mesh (Medit), NAME.inp (Abaqus, CalculiX).
+enum class MeshFormat { Vtu, Mesh, Inp };
 
 struct RunRequest {
   std::filesystem::path input;    ///< label volume: .nii, .nii.gz, .mha, .mhd, .nrrd
@@ -19,6 +23,7 @@ struct RunRequest {
   std::optional<Space> space;  ///< of the written coordinates; default: the input's own
   bool keep_stages = false;    ///< each stage's result to out_dir/stages/
   bool surface_only = false;   ///< stop before the tets
+  std::set<MeshFormat> formats{MeshFormat::Vtu, MeshFormat::Mesh};  ///< to write the tets in
 };
 
 struct RunResult {
@@ -28,7 +33,7 @@ struct RunResult {
 
 /// One run from label volume to mesh and report.
 ///
-/// With NAME the input's file name without its suffix, writes NAME.vtu, NAME.mesh,
+/// With NAME the input's file name without its suffix, writes the tets in the formats asked for,
 /// NAME.surface.vtp and, last, NAME.metrics.json; files of an earlier run of that NAME are removed
 /// when the run starts, and a failed run leaves nothing but NAME.failed.json. The seed of the run
 /// is that of the parameters, whatever `context` says.
