@@ -44,19 +44,25 @@ bool are_facets_near(const std::vector<Vec3>& points,
                      const VertexTriple& t,
                      double clearance) {
   const Corners p = corners_of(points, s), q = corners_of(points, t);
-  if (is_beyond_plane(p, q, clearance) || is_beyond_plane(q, p, clearance)) return false;
   const double least = clearance * clearance;
+  // Boxes first: of two neighbours in a surface neither holds a vertex of the other.
+  const auto is_near = [&](const Vec3& v, const Corners& corners) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const double a = corners[0][axis], b = corners[1][axis], c = corners[2][axis];
+      if (v[axis] < std::min({a, b, c}) - clearance || v[axis] > std::max({a, b, c}) + clearance)
+        return false;
+    }
+    return squared_norm(v - nearest_on_triangle(v, corners[0], corners[1], corners[2])) < least;
+  };
   bool is_apart = true;
   for (std::size_t k = 0; k < 3; ++k) {
     const bool is_s_shared = std::find(t.begin(), t.end(), s[k]) != t.end();
     const bool is_t_shared = std::find(s.begin(), s.end(), t[k]) != s.end();
-    if (!is_s_shared && squared_norm(p[k] - nearest_on_triangle(p[k], q[0], q[1], q[2])) < least)
-      return true;
-    if (!is_t_shared && squared_norm(q[k] - nearest_on_triangle(q[k], p[0], p[1], p[2])) < least)
-      return true;
+    if ((!is_s_shared && is_near(p[k], q)) || (!is_t_shared && is_near(q[k], p))) return true;
     is_apart = is_apart && !is_s_shared;
   }
-  if (!is_apart) return false;
+  if (!is_apart || is_beyond_plane(p, q, clearance) || is_beyond_plane(q, p, clearance))
+    return false;
   for (std::size_t i = 0; i < 3; ++i)
     for (std::size_t j = 0; j < 3; ++j)
       if (squared_segment_distance(p[i], p[(i + 1) % 3], q[j], q[(j + 1) % 3]) < least) return true;

@@ -37,8 +37,10 @@ constexpr double kLeastInsertionGain = 0.01;
 constexpr double kLeastSine = 1e-9;
 /// A flip of a surface edge must not make triangles much poorer than they were.
 constexpr double kLeastShapeKept = 0.5;
+/// Most tets around an edge that is removed: larger rings hardly ever gain.
 constexpr std::size_t kMaxRing = 9;
 constexpr std::int32_t kNone = OpenTets::kNone;
+/// Tries of new vertices in a tet that stays as it is.
 constexpr int kMostTries = 2;
 constexpr int kPassesBeforeInsertion = 2;
 /// Tets or vertices that one task looks at.
@@ -60,12 +62,6 @@ struct Quality {
     worst = std::min(worst, score.min_sine);
     sum += score.radius_ratio;
     ++count;
-  }
-
-  void add(const Quality& other) {
-    worst = std::min(worst, other.worst);
-    sum += other.sum;
-    count += other.count;
   }
 
   [[nodiscard]] double mean() const { return sum / static_cast<double>(count); }
