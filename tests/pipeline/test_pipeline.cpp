@@ -309,6 +309,52 @@ TEST_CASE("run_pipeline: boxes count voxels of the input, whatever the working g
   check_run(request, face_mm);
 }
 
+TEST_CASE("run_pipeline: guards of specks are told from those of larger parts",
+          "[pipeline][unit]") {
+  const test_data::TemporaryFolder folder;
+  const auto counts_for = [&](const InputVolume& volume) {
+    write_volume_file(folder / "a.nii", volume);
+    RunRequest request = request_for(folder / "a.nii", folder / "out");
+    request.surface_only = true;
+    request.parameters.sizing.epsilon = 5;
+    return *run_pipeline(request, silent_context()).report.particle_counts;
+  };
+  // Rings, whose handles need guards: 16 voxels around nine, and a large one.
+  const InputVolume ring =
+      phantoms::sample(phantoms::centred_frame({15, 15, 15}), [](const Vec3& p) -> Label {
+        const double x = std::abs(p.x), y = std::abs(p.y);
+        return std::abs(p.z) < 0.5 && std::max(x, y) < 2.5 && std::max(x, y) > 1.5 ? 1 : 0;
+      });
+  const ParticleCounts speck = counts_for(ring);
+  CHECK(speck.guards > 0);
+  CHECK(speck.guards_of_specks == speck.guards);
+  const ParticleCounts larger = counts_for(phantoms::torus(9, 3));
+  CHECK(larger.guards > 0);
+  CHECK(larger.guards_of_specks == 0);
+}
+
+TEST_CASE("run_pipeline: elements of second order follow the dense surface on request",
+          "[pipeline][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::nested_balls(6, 11));
+  RunRequest request = request_for(folder / "a.nii", folder / "out");
+  request.parameters.sizing.epsilon = 3;
+  request.parameters.element_order = 2;
+  const SecondOrderStats straight =
+      *run_pipeline(request, silent_context()).report.stages.second_order;
+  CHECK(straight.moved == 0);
+  CHECK(straight.least_jacobian == Approx(1));
+  request.parameters.curved_elements = true;
+  const RunResult curved = run_pipeline(request, silent_context());
+  const SecondOrderStats& stats = *curved.report.stages.second_order;
+  CHECK(stats.mid_nodes == straight.mid_nodes);
+  CHECK(stats.moved > 100);
+  CHECK(stats.least_jacobian >= 0.1);
+  const auto json = read_json(folder / "out" / "a.metrics.json");
+  CHECK(json["results"]["stages"]["second_order_nodes"]["moved"] == stats.moved);
+  CHECK(json["parameters"]["element_order"] == 2);
+}
+
 TEST_CASE("run_pipeline: target_vertices is met within two percent", "[pipeline][unit]") {
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::ball(12));
