@@ -75,4 +75,7 @@ TEST_CASE("are_facets_near: neighbours are near only when one is folded onto the
   const std::vector<Vec3> folded{{0, 0, 0}, {1, 0, 0}, {0.4, 1, 0}, {0.5, 0.8, 1e-4}};
   CHECK(are_facets_near(folded, {0, 1, 2}, {1, 0, 3}, 1e-3));
   CHECK_FALSE(are_facets_near(folded, {0, 1, 2}, {1, 0, 3}, 1e-5));
+  // A square folded along a side: no vertex lies on the other facet, but the diagonals cross.
+  const std::vector<Vec3> square{{0, 0, 0}, {1, 0, 0}, {1, 1, 1e-6}, {0, 1, 0}};
+  CHECK(are_facets_near(square, {0, 1, 2}, {1, 0, 3}, 1e-3));
 }

@@ -54,18 +54,24 @@ bool are_facets_near(const std::vector<Vec3>& points,
     }
     return squared_norm(v - nearest_on_triangle(v, corners[0], corners[1], corners[2])) < least;
   };
+  const auto holds = [](const VertexTriple& triple, std::int32_t v) {
+    return std::find(triple.begin(), triple.end(), v) != triple.end();
+  };
   bool is_apart = true;
   for (std::size_t k = 0; k < 3; ++k) {
-    const bool is_s_shared = std::find(t.begin(), t.end(), s[k]) != t.end();
-    const bool is_t_shared = std::find(s.begin(), s.end(), t[k]) != s.end();
-    if ((!is_s_shared && is_near(p[k], q)) || (!is_t_shared && is_near(q[k], p))) return true;
+    const bool is_s_shared = holds(t, s[k]);
+    if ((!is_s_shared && is_near(p[k], q)) || (!holds(s, t[k]) && is_near(q[k], p))) return true;
     is_apart = is_apart && !is_s_shared;
   }
-  if (!is_apart || is_beyond_plane(p, q, clearance) || is_beyond_plane(q, p, clearance))
+  if (is_apart && (is_beyond_plane(p, q, clearance) || is_beyond_plane(q, p, clearance)))
     return false;
+  // Facets folded onto each other over a shared edge may have only their other edges cross.
   for (std::size_t i = 0; i < 3; ++i)
-    for (std::size_t j = 0; j < 3; ++j)
+    for (std::size_t j = 0; j < 3; ++j) {
+      const std::int32_t a = s[i], b = s[(i + 1) % 3], c = t[j], d = t[(j + 1) % 3];
+      if (a == c || a == d || b == c || b == d) continue;
       if (squared_segment_distance(p[i], p[(i + 1) % 3], q[j], q[(j + 1) % 3]) < least) return true;
+    }
   return false;
 }
 
