@@ -19,7 +19,7 @@ void insert_facet(const MaterialSurfaces& surfaces, std::int32_t facet, FacetInd
 
 /// Clearance that decimation and flips keep, in voxels: what TetGen's tolerance, and rounding to
 /// the file's coordinates, still tell apart. Without it facets folded onto each other to the last
-/// bit remained at the border of the image, whose tets turned over in the file. With more (0.02)
+/// bit remained at tiny contacts of labels; their tets turned over in the file. With more (0.02)
 /// vertices stayed in narrow places, 57 instead of 10 on the spine at epsilon 4.
 inline constexpr double kClearanceVox = 0.001;
 
