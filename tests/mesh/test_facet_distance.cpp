@@ -4,6 +4,8 @@
 
 #include "support/catch.h"
 #include <algorithm>
+#include <array>
+#include <utility>
 #include <vector>
 
 using namespace cvmesh;
@@ -78,4 +80,35 @@ TEST_CASE("are_facets_near: neighbours are near only when one is folded onto the
   // A square folded along a side: no vertex lies on the other facet, but the diagonals cross.
   const std::vector<Vec3> square{{0, 0, 0}, {1, 0, 0}, {1, 1, 1e-6}, {0, 1, 0}};
   CHECK(are_facets_near(square, {0, 1, 2}, {1, 0, 3}, 1e-3));
+}
+
+TEST_CASE(
+    "are_facets_apart: never says so of facets that intersect or are near, and mostly where "
+    "they are neither",
+    "[mesh][property]") {
+  const CounterRandom random(5, "apart");
+  std::uint64_t draw = 0;
+  // Pairs that share 0, 1 or 2 vertices, some of them flattened so that folds are common.
+  const std::array<std::pair<VertexTriple, VertexTriple>, 3> pairs{
+      {{{0, 1, 2}, {3, 4, 5}}, {{0, 1, 2}, {3, 1, 4}}, {{0, 1, 2}, {2, 3, 1}}}};
+  for (const auto& [s, t] : pairs)
+    for (const double height : {1.0, 0.05, 1e-3}) {
+      int apart = 0, neither = 0;
+      for (int trial = 0; trial < 3000; ++trial) {
+        std::vector<Vec3> p(6);
+        for (Vec3& v : p)
+          v = {random.uniform(draw), random.uniform(draw + 1), height * random.uniform(draw + 2)},
+          draw += 3;
+        constexpr double kClearance = 0.01;
+        const bool is_close = facets_intersect(p, s, t) || are_facets_near(p, s, t, kClearance);
+        const bool is_apart = are_facets_apart(p, s, t, kClearance);
+        CHECK(is_apart == are_facets_apart(p, t, s, kClearance));
+        if (is_apart) CHECK_FALSE(is_close);
+        apart += is_apart ? 1 : 0;
+        neither += is_close ? 0 : 1;
+      }
+      INFO("shared with height " << height << ": " << apart << " of " << neither);
+      CHECK(apart <= neither);
+      CHECK(apart > neither / 4);
+    }
 }

@@ -23,6 +23,14 @@ bool is_beyond_plane(const Corners& p, const Corners& q, double clearance) {
   return std::min({a, b, c}) > margin || std::max({a, b, c}) < -margin;
 }
 
+/// True when a plane across the line of their centres has p and q on its sides, `clearance` apart.
+bool are_apart_by_centres(const Corners& p, const Corners& q, double clearance) {
+  const Vec3 up = q[0] + q[1] + q[2] - p[0] - p[1] - p[2];
+  const double below = std::max({dot(up, p[0]), dot(up, p[1]), dot(up, p[2])});
+  const double above = std::min({dot(up, q[0]), dot(up, q[1]), dot(up, q[2])});
+  return above - below > clearance * norm(up);
+}
+
 /// Squared distance of segments ab and cd.
 double squared_segment_distance(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
   const Vec3 u = b - a, v = d - c, w = a - c;
@@ -37,7 +45,88 @@ double squared_segment_distance(const Vec3& a, const Vec3& b, const Vec3& c, con
   return squared_norm(w + s * u - t * v);
 }
 
+/// Corners of two facets: first those that they share, in the same order on both sides.
+struct SharedFirst {
+  std::size_t shared = 0;
+  Corners p, q;
+};
+
+SharedFirst shared_first(const std::vector<Vec3>& points,
+                         const VertexTriple& s,
+                         const VertexTriple& t) {
+  SharedFirst both;
+  std::array<bool, 3> is_in_both{};  // by corner of t
+  std::size_t last = 3;
+  for (const std::int32_t v : s) {
+    const Vec3& point = points[static_cast<std::size_t>(v)];
+    const auto in_t = static_cast<std::size_t>(std::find(t.begin(), t.end(), v) - t.begin());
+    if (in_t == t.size()) {
+      both.p[--last] = point;
+      continue;
+    }
+    is_in_both[in_t] = true;
+    both.p[both.shared] = both.q[both.shared] = point;
+    ++both.shared;
+  }
+  std::size_t next = both.shared;
+  for (std::size_t k = 0; k < 3; ++k)
+    if (!is_in_both[k]) both.q[next++] = points[static_cast<std::size_t>(t[k])];
+  return both;
+}
+
+/// Facets with corner p[0] in common: true when a plane through it has the other corners of p above
+/// and those of q below, none nearer than `clearance`.
+bool are_apart_at_vertex(const Corners& p, const Corners& q, double clearance) {
+  const Vec3 a = p[1] - p[0], b = p[2] - p[0], c = q[1] - p[0], d = q[2] - p[0];
+  const auto is_separated_along = [&](const Vec3& up) {
+    const double least = std::min({dot(up, a), dot(up, b), -dot(up, c), -dot(up, d)});
+    return least > 0 && least * least > clearance * clearance * squared_norm(up);
+  };
+  // Mostly the plane across the line of their centres will do; where edges are of unlike length,
+  // rather the one halfway between their directions.
+  return is_separated_along(a + b - c - d) ||
+         is_separated_along(normalized(a) + normalized(b) - normalized(c) - normalized(d));
+}
+
+/// Facets with edge p[0]-p[1] in common: true when the plane through it halfway between the facets
+/// has p[2] above and q[2] below, no nearer than `clearance`, and sides that start at unlike ends
+/// of the edge leave that distance of the plane before they come near to each other.
+bool are_apart_at_edge(const Corners& p, const Corners& q, double clearance) {
+  const Vec3 edge = p[1] - p[0], c = p[2] - p[0], d = q[2] - p[0];
+  const double ee = dot(edge, edge);
+  const Vec3 up =
+      normalized(ee * c - dot(c, edge) * edge) - normalized(ee * d - dot(d, edge) * edge);
+  const double length = norm(up);
+  const double above = dot(up, c), below = -dot(up, d);
+  if (!(std::min(above, below) > clearance * length)) return false;
+  // A point of side p[1]-p[2] at height h is within h / above of the side's length from p[1].
+  const auto reach = [&](const Vec3& from_p, const Vec3& from_q) {
+    return clearance *
+           (1 + length * (distance(from_p, p[2]) / above + distance(from_q, q[2]) / below));
+  };
+  const double longest = std::max(reach(p[0], p[1]), reach(p[1], p[0]));
+  return ee > longest * longest;
+}
+
 }  // namespace
+
+bool are_facets_apart(const std::vector<Vec3>& points,
+                      const VertexTriple& s,
+                      const VertexTriple& t,
+                      double clearance) {
+  const auto [shared, p, q] = shared_first(points, s, t);
+  switch (shared) {
+    case 0:
+      return are_apart_by_centres(p, q, clearance) || is_beyond_plane(p, q, clearance) ||
+             is_beyond_plane(q, p, clearance);
+    case 1:
+      return are_apart_at_vertex(p, q, clearance);
+    case 2:
+      return are_apart_at_edge(p, q, clearance);
+    default:
+      return false;
+  }
+}
 
 bool are_facets_near(const std::vector<Vec3>& points,
                      const VertexTriple& s,
@@ -57,14 +146,8 @@ bool are_facets_near(const std::vector<Vec3>& points,
   const auto holds = [](const VertexTriple& triple, std::int32_t v) {
     return std::find(triple.begin(), triple.end(), v) != triple.end();
   };
-  bool is_apart = true;
-  for (std::size_t k = 0; k < 3; ++k) {
-    const bool is_s_shared = holds(t, s[k]);
-    if ((!is_s_shared && is_near(p[k], q)) || (!holds(s, t[k]) && is_near(q[k], p))) return true;
-    is_apart = is_apart && !is_s_shared;
-  }
-  if (is_apart && (is_beyond_plane(p, q, clearance) || is_beyond_plane(q, p, clearance)))
-    return false;
+  for (std::size_t k = 0; k < 3; ++k)
+    if ((!holds(t, s[k]) && is_near(p[k], q)) || (!holds(s, t[k]) && is_near(q[k], p))) return true;
   // Facets folded onto each other over a shared edge may have only their other edges cross.
   for (std::size_t i = 0; i < 3; ++i)
     for (std::size_t j = 0; j < 3; ++j) {

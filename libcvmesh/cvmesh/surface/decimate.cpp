@@ -128,8 +128,7 @@ class RemovalPlanner {
       gather_samples(plan.vertex, sheet, problem);
     }
     if (vanishing > 1) return false;
-    mark_outer_normals(plan.sheets);
-    return mark_existing_edges(plan.sheets, vanishing == 1);
+    return mark_surroundings(plan.sheets, vanishing == 1);
   }
 
   void gather_samples(std::int32_t vertex, const Sheet& sheet, RingProblem& problem) const {
@@ -159,31 +158,23 @@ class RemovalPlanner {
     return it == sheet.ring.end() ? -1 : static_cast<int>(it - sheet.ring.begin());
   }
 
-  // Edges between ring vertices that exist outside the star may not be made again.
-  bool mark_existing_edges(const std::vector<Sheet>& sheets, bool has_vanishing) {
-    const bool is_on_curve = !sheets.front().is_disk;
+  // From the facets around the star: normals across the sides of the rings, and edges between ring
+  // vertices, which may not be made again. False where these forbid the removal.
+  bool mark_surroundings(const std::vector<Sheet>& sheets, bool has_vanishing) {
     const std::int32_t p = sheets.front().ring.front(), q = sheets.front().ring.back();
     int facets_at_closing_edge = 0;
     PatchKey patch_at_closing_edge;
     for (const auto& entry : guard_.nearby()) {
       const auto& facet = surfaces_.facets()[entry.id];
       for (std::size_t s = 0; s < sheets.size(); ++s) {
-        std::array<int, 3> place;
-        int found = 0;
-        for (int c = 0; c < 3; ++c) {
-          place[c] = place_in(sheets[s], facet.vertices[c]);
-          found += place[c] >= 0 ? 1 : 0;
-        }
+        const std::array<int, 3> place{place_in(sheets[s], facet.vertices[0]),
+                                       place_in(sheets[s], facet.vertices[1]),
+                                       place_in(sheets[s], facet.vertices[2])};
+        const auto found = 3 - std::count(place.begin(), place.end(), -1);
         if (found < 2) continue;
         if (found == 3 && sheets[s].ring.size() == 3) return false;  // would be doubled
-        for (int c = 0; c < 3; ++c) {
-          const int i = place[c], j = place[(c + 1) % 3];
-          if (i < 0 || j < 0) continue;
-          problems_[s].forbidden_edges[i] |= std::uint64_t{1} << j;
-          problems_[s].forbidden_edges[j] |= std::uint64_t{1} << i;
-        }
+        mark_edges(facet, place, facet.patch == sheets[s].patch, problems_[s]);
       }
-      if (!is_on_curve) continue;
       const auto has = [&](std::int32_t v) {
         return std::find(facet.vertices.begin(), facet.vertices.end(), v) != facet.vertices.end();
       };
@@ -192,9 +183,9 @@ class RemovalPlanner {
         patch_at_closing_edge = facet.patch;
       }
     }
-    if (!is_on_curve) return true;
-    // The closing edge p-q is new, or it is the far edge of the one facet of a vanishing sheet,
-    // with that sheet's patch going on behind it.
+    if (sheets.front().is_disk) return true;
+    // On a curve, the closing edge p-q is new, or it is the far edge of the one facet of a
+    // vanishing sheet, with that sheet's patch going on behind it.
     if (!has_vanishing) return facets_at_closing_edge == 0;
     for (const Sheet& sheet : sheets)
       if (sheet.facets.size() == 1)
@@ -202,24 +193,22 @@ class RemovalPlanner {
     return false;
   }
 
-  // Normals of the facets across the sides of the rings, found among the nearby facets.
-  void mark_outer_normals(const std::vector<Sheet>& sheets) {
-    const auto& points = surfaces_.points();
-    for (const auto& entry : guard_.nearby()) {
-      const auto& facet = surfaces_.facets()[entry.id];
-      for (std::size_t s = 0; s < sheets.size(); ++s) {
-        if (facet.patch != sheets[s].patch) continue;
-        const auto n = static_cast<int>(sheets[s].ring.size());
-        for (int c = 0; c < 3; ++c) {
-          // across the ring the edge runs the other way round
-          const int j = place_in(sheets[s], facet.vertices[c]);
-          if (j < 0) continue;
-          const int i = place_in(sheets[s], facet.vertices[(c + 1) % 3]);
-          if (i >= 0 && j == (i + 1) % n)
-            problems_[s].outer_normals[i] = normalized(area_vector2(
-                points[facet.vertices[0]], points[facet.vertices[1]], points[facet.vertices[2]]));
-        }
-      }
+  // A facet with its corners' places in the ring of a problem, -1 for those that are not in it.
+  void mark_edges(const MaterialSurfaces::Facet& facet,
+                  const std::array<int, 3>& place,
+                  bool is_of_patch,
+                  RingProblem& problem) const {
+    const auto n = static_cast<int>(problem.ring.size());
+    for (int c = 0; c < 3; ++c) {
+      const int i = place[c], j = place[(c + 1) % 3];
+      if (i < 0 || j < 0) continue;
+      problem.forbidden_edges[i] |= std::uint64_t{1} << j;
+      problem.forbidden_edges[j] |= std::uint64_t{1} << i;
+      // across the ring the edge runs the other way round
+      if (!is_of_patch || i != (j + 1) % n) continue;
+      const auto& points = surfaces_.points();
+      problem.outer_normals[j] = normalized(area_vector2(
+          points[facet.vertices[0]], points[facet.vertices[1]], points[facet.vertices[2]]));
     }
   }
 

@@ -60,6 +60,9 @@ bool EmbeddingGuard::intersects_nearby(const VertexTriple& t) const {
   return std::any_of(nearby_.begin(), nearby_.end(), [&](const FacetIndex::Entry& entry) {
     if (!entry.overlaps(box)) return false;
     const VertexTriple& s = surfaces_.facets()[entry.id].vertices;
+    // without a clearance to spare, only the exact test will do
+    if (clearance_mm_ > 0 && are_facets_apart(surfaces_.points(), s, t, clearance_mm_))
+      return false;
     return facets_intersect(surfaces_.points(), t, s) ||
            are_facets_near(surfaces_.points(), s, t, clearance_mm_);
   });

@@ -85,14 +85,26 @@ class Flipper {
     return Outcome::NoGain;
   }
 
-  /// Facets of the vertex changed in this pass or the one before.
-  [[nodiscard]] bool is_touched(std::int32_t vertex) const {
-    return touched_[static_cast<std::size_t>(vertex)] + 1 >= pass_;
+  /// Facets of one of the edge's ends changed in this pass or the one before.
+  [[nodiscard]] bool is_touched(std::int32_t a, std::int32_t b) const {
+    return last_touch(a) + 1 >= pass_ || last_touch(b) + 1 >= pass_;
   }
 
-  void begin_pass() {
+  /// All that `try_pair` weighs belongs to facets at the four vertices around the edge; did one of
+  /// them change since the last pass of pairs began?
+  [[nodiscard]] bool is_pair_touched(std::int32_t a, std::int32_t b) const {
+    std::int32_t first = -1, second = -1;
+    if (!surfaces_.facets_of_edge(a, b, first, second)) return false;
+    const std::array<std::int32_t, 4> around{a, b, across(first, a, b), across(second, a, b)};
+    return std::any_of(around.begin(), around.end(),
+                       [&](std::int32_t v) { return last_touch(v) >= last_pairs_; });
+  }
+
+  void begin_pass(bool by_pairs) {
     ++pass_;
     touched_.resize(surfaces_.points().size(), 0);
+    last_pairs_ = pairs_;
+    if (by_pairs) pairs_ = pass_;
   }
 
  private:
@@ -150,6 +162,10 @@ class Flipper {
   void touch(const Flip& flip) {
     for (const auto v : {flip.a, flip.b, flip.c, flip.d})
       touched_[static_cast<std::size_t>(v)] = pass_;
+  }
+
+  [[nodiscard]] int last_touch(std::int32_t vertex) const {
+    return touched_[static_cast<std::size_t>(vertex)];
   }
 
   [[nodiscard]] std::int32_t across(std::int32_t facet, std::int32_t a, std::int32_t b) const {
@@ -231,7 +247,8 @@ class Flipper {
   NeighbourTree samples_;
   std::vector<std::int32_t> nearest_;
   int pass_ = 0;
-  std::vector<int> touched_;  // per vertex: the last pass that changed its facets
+  int pairs_ = 0, last_pairs_ = 0;  // the passes of pairs: the latest, and the one before
+  std::vector<int> touched_;        // per vertex: the last pass that changed its facets
 };
 
 using Edge = std::pair<std::int32_t, std::int32_t>;
@@ -261,13 +278,16 @@ FlipEdgesResult flip_edges(MaterialSurfaces surfaces,
     using Outcome = Flipper::Outcome;
     std::set<Edge> refused;
     // Edges around which nothing has changed since they were last looked at are not looked at.
+    const auto is_due = [&](const Edge& edge, bool by_pairs) {
+      return by_pairs ? flipper.is_pair_touched(edge.first, edge.second)
+                      : flipper.is_touched(edge.first, edge.second) || refused.contains(edge);
+    };
     const auto run_pass = [&](bool by_pairs, bool all) {
-      flipper.begin_pass();
+      flipper.begin_pass(by_pairs);
       std::size_t flips = 0;
       for (const Edge& edge : list_edges(surfaces)) {
+        if (!all && !is_due(edge, by_pairs)) continue;
         const auto [a, b] = edge;
-        if (!all && !flipper.is_touched(a) && !flipper.is_touched(b) && !refused.contains(edge))
-          continue;
         const Outcome outcome = by_pairs ? flipper.try_pair(a, b) : flipper.try_flip(a, b);
         if (outcome == Outcome::Flipped) flips += by_pairs ? 2 : 1;
         if (by_pairs) continue;
@@ -282,14 +302,14 @@ FlipEdgesResult flip_edges(MaterialSurfaces surfaces,
                       static_cast<double>(result.stats.passes) / options.max_passes);
       return flips;
     };
-    // Single flips until none is left, then one pass of pairs, and so on. Pairs reach farther than
-    // what a flip marks as touched, so they are looked for everywhere.
-    bool all = true;
+    // Single flips until none is left, then one pass of pairs, and so on.
+    bool all = true, all_pairs = true;
     while (result.stats.passes < options.max_passes) {
       const std::size_t flips = run_pass(false, all);
       all = false;
       if (flips > 0) continue;
-      if (result.stats.passes + 1 >= options.max_passes || run_pass(true, true) == 0) break;
+      if (result.stats.passes + 1 >= options.max_passes || run_pass(true, all_pairs) == 0) break;
+      all_pairs = false;
     }
     result.stats.refused = refused.size();
   }
