@@ -382,7 +382,7 @@ TEST_CASE("lower_h_at_short_loops: room around a tube and a torus, spheres and d
   CHECK_FALSE(lower_h_at_short_loops(halved.dense, disc, 0.4, h));
 }
 
-TEST_CASE("vertices_for_loops: three particles hold a loop, fewer do not", "[particles][unit]") {
+TEST_CASE("LoopTest: three particles hold a loop, fewer do not", "[particles][unit]") {
   const auto all_facets = [](const AnalyticDomain& domain) {
     std::vector<std::int32_t> facets(domain.dense.facets.size());
     std::iota(facets.begin(), facets.end(), 0);
@@ -401,7 +401,7 @@ TEST_CASE("vertices_for_loops: three particles hold a loop, fewer do not", "[par
   };
   const auto closed = torus(14, 3, kSectors, kRing, constant(20));
   const auto missing = [&](const std::vector<std::int32_t>& list) {
-    return vertices_for_loops(closed.dense, all_facets(closed), list);
+    return LoopTest(closed.dense, all_facets(closed)).missing(list);
   };
   CHECK(missing(particles(12, 4, kSectors)).empty());
   CHECK(missing(particles(6, 3, kSectors)).empty());
@@ -424,12 +424,12 @@ TEST_CASE("vertices_for_loops: three particles hold a loop, fewer do not", "[par
   // A tube: its rims count, a loop around it has to pass three particles.
   const auto tube = torus(14, 3, kSectors, kRing, constant(20), 20);
   const auto tube_missing = [&](int around) {
-    return vertices_for_loops(tube.dense, all_facets(tube), particles(10, around, 40));
+    return LoopTest(tube.dense, all_facets(tube)).missing(particles(10, around, 40));
   };
   CHECK(tube_missing(3).empty());
   CHECK_FALSE(tube_missing(2).empty());
   const auto ball_domain = ball(8, 8, constant(20));
-  CHECK(vertices_for_loops(ball_domain.dense, all_facets(ball_domain), {0}).empty());
+  CHECK(LoopTest(ball_domain.dense, all_facets(ball_domain)).missing({0}).empty());
 }
 
 TEST_CASE("distribute_particles: a torus keeps three particles around its tube at any h",

@@ -477,12 +477,13 @@ Changes thin(Cloud& c, const Sheets& sheets, int& rounds) {
 std::size_t add_loop_guards(Cloud& c, const Sheets& sheets) {
   const Sheet& sheet = sheets.sheets[c.sheet];
   if (!sheet.has_loops) return 0;
+  const LoopTest loops(sheets.domain().dense, sheet.facets);
   std::size_t added = 0;
   for (int round = 0; round < kGuardRounds; ++round) {
     std::vector<std::int32_t> vertices;
     for (std::size_t i = 0; i < c.size(); ++i)
       vertices.push_back(sheets.nearest_vertex(c.facet[i], c.position[i]));
-    const auto missing = vertices_for_loops(sheets.domain().dense, sheet.facets, vertices);
+    const auto missing = loops.missing(vertices);
     if (missing.empty()) break;
     for (const auto v : missing)
       c.add(sheets.at_vertex(v, c.sheet), true);

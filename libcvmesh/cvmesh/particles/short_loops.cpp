@@ -391,7 +391,8 @@ class Cells {
     for (const Edge& e : graph_.edges) {
       const std::pair<std::int32_t, std::int32_t> cells = std::minmax(owner_[e.a], owner_[e.b]);
       const std::uint64_t word = word_[e.a] ^ word_[e.b] ^ e.word;
-      // The way from a cell to itself without leaving it has no word.
+      // The way from a cell to itself without leaving it has no word: so it is for most edges.
+      if (word == 0 && cells.first == cells.second) continue;
       const auto first = word_between.try_emplace(cells, cells.first == cells.second ? 0 : word);
       if (first.first->second == word) continue;
       // The rim has its own particles, which are not for the sheet to add.
@@ -456,15 +457,25 @@ bool lower_h_at_short_loops(const InterfaceMesh& dense,
   return is_changed;
 }
 
-std::vector<std::int32_t> vertices_for_loops(const InterfaceMesh& dense,
-                                             const std::vector<std::int32_t>& facets,
-                                             const std::vector<std::int32_t>& particle_vertices) {
+struct LoopTest::Sheet {
+  SheetGraph graph;
+};
+
+LoopTest::LoopTest(const InterfaceMesh& dense, const std::vector<std::int32_t>& facets) {
   SheetGraph graph(dense, facets);
-  if (!graph.find_cocycle(SheetGraph::Rim::Counts)) return {};
-  const Cells cells(graph, particle_vertices);
+  if (graph.find_cocycle(SheetGraph::Rim::Counts))
+    sheet_ = std::make_unique<Sheet>(Sheet{std::move(graph)});
+}
+
+LoopTest::~LoopTest() = default;
+LoopTest::LoopTest(LoopTest&&) noexcept = default;
+
+std::vector<std::int32_t> LoopTest::missing(
+    const std::vector<std::int32_t>& particle_vertices) const {
   std::vector<std::int32_t> result;
-  for (const auto v : cells.vertices_for_loops())
-    result.push_back(graph.vertices[v]);
+  if (!sheet_) return result;
+  for (const auto v : Cells(sheet_->graph, particle_vertices).vertices_for_loops())
+    result.push_back(sheet_->graph.vertices[v]);
   return result;
 }
 

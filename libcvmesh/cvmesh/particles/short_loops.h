@@ -4,6 +4,7 @@
 #include "cvmesh/mesh/interface_mesh.h"
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 namespace cvmesh {
@@ -25,17 +26,29 @@ bool lower_h_at_short_loops(const InterfaceMesh& dense,
                             double delta,
                             std::vector<double>& h_mm);
 
-/// Dense vertices where a sheet needs more particles, so that no loop that bounds nothing passes
-/// fewer than three cells of the particles' Voronoi diagram: with fewer, no triangulation of the
-/// particles has the loop as edges, and the handle would be lost.
+/// Tells where a sheet needs more particles, so that no loop that bounds nothing passes fewer than
+/// three cells of the particles' Voronoi diagram: with fewer, no triangulation of the particles has
+/// the loop as edges, and the handle would be lost.
 ///
 /// The test is combinatorial. Each cell grows along dense edges from its particle, and every vertex
 /// carries the word of its way. A loop in one cell shows as an edge whose words do not cancel, one
-/// in two cells as two edges between them with different words. Empty when the particles are
-/// enough; otherwise at most one vertex for each cell, to be added before the next test.
-/// @param particle_vertices  the dense vertex next to each particle on the sheet, rim included
-std::vector<std::int32_t> vertices_for_loops(const InterfaceMesh& dense,
-                                             const std::vector<std::int32_t>& facets,
-                                             const std::vector<std::int32_t>& particle_vertices);
+/// in two cells as two edges between them with different words.
+class LoopTest {
+ public:
+  /// @param facets  of the sheet, edge-connected
+  LoopTest(const InterfaceMesh& dense, const std::vector<std::int32_t>& facets);
+  ~LoopTest();
+  LoopTest(LoopTest&&) noexcept;
+
+  /// Dense vertices to add. Empty when the particles are enough; otherwise at most one for each
+  /// cell, to be added before the next test.
+  /// @param particle_vertices  the dense vertex next to each particle on the sheet, rim included
+  [[nodiscard]] std::vector<std::int32_t> missing(
+      const std::vector<std::int32_t>& particle_vertices) const;
+
+ private:
+  struct Sheet;
+  std::unique_ptr<Sheet> sheet_;  // null: every loop bounds
+};
 
 }  // namespace cvmesh
