@@ -91,8 +91,7 @@ TEST_CASE("build_label_tets: counts each kind of fault", "[metrics][unit]") {
   }
 }
 
-TEST_CASE("build_label_tets: solids joined by an edge only are two components",
-          "[metrics][unit]") {
+TEST_CASE("build_label_tets: solids joined by an edge only are two components", "[metrics][unit]") {
   // Two tets on the edge (0,0,0)-(1,0,0): V - E + F - T = 6 - 11 + 8 - 2.
   const std::vector<Vec3> points = {{0, 0, 0}, {1, 0, 0},  {0, 1, 0},
                                     {0, 0, 1}, {0, -1, 0}, {0, 0, -1}};
