@@ -21,6 +21,7 @@ constexpr char kExamples[] =
     "  cvmesh mesh scan.nii.gz --params ct.json --out mesh    with a parameter file\n"
     "  cvmesh mesh scan.nii.gz --set epsilon=4 --out mesh     coarser\n"
     "  cvmesh mesh scan.nii.gz --set target_vertices=20000    by the number of surface vertices\n"
+    "  cvmesh metrics mesh.vtu scan.nii.gz                    judge a mesh of any program\n"
     "  cvmesh defaults > params.json                          a parameter file to start from\n"
     "  cvmesh schema                                          all parameters, as a JSON schema\n"
     "\n"
@@ -32,6 +33,11 @@ constexpr char kMeshFooter[] =
     "With NAME the input's name without suffix, writes NAME.vtu and NAME.mesh (or what --formats\n"
     "names), NAME.surface.vtp and, last, NAME.metrics.json; a run that fails leaves\n"
     "NAME.failed.json only.";
+
+constexpr char kMetricsFooter[] =
+    "Labels of the tets: in .vtu the cell array labels, else material, ref, medit:ref,\n"
+    "gmsh:physical, gmsh:geometrical; in .mesh the references; in .msh the physical groups.\n"
+    "Faults of the mesh are reported and are no error.";
 
 const std::map<std::string, std::string>& space_choices() {
   static const std::map<std::string, std::string> choices = {
@@ -50,6 +56,37 @@ const std::map<std::string, MeshFormat>& formats_by_name() {
   static const std::map<std::string, MeshFormat> formats = {
       {"vtu", MeshFormat::Vtu}, {"mesh", MeshFormat::Mesh}, {"inp", MeshFormat::Inp}};
   return formats;
+}
+
+void add_threads_option(CLI::App& command, CliOptions& options) {
+  command
+      .add_option("--threads", options.threads,
+                  "Number of threads; default: SLURM_CPUS_PER_TASK or all cores")
+      ->check(CLI::Range(1, 4096));
+}
+
+CLI::App* add_metrics_command(CLI::App& app, CliOptions& options, std::string& space) {
+  CLI::App* metrics = app.add_subcommand("metrics", "Judge a mesh of tets against a label volume");
+  metrics->footer(kMetricsFooter);
+  MetricsCommand& command = options.metrics;
+  metrics->add_option("MESH", command.mesh, "Tets: .vtu, .mesh (Medit) or .msh (Gmsh)")->required();
+  metrics->add_option("LABELS", command.labels, "Label volume: .nii .nii.gz .mha .mhd .nrrd")
+      ->required();
+  metrics->add_option("--truth", command.truth,
+                      "True surface in the mesh's coordinates: .off, .ply or .stl");
+  metrics->add_option("--params", command.params_file,
+                      "Parameter file (JSON) whose keys for labels are applied to the volume");
+  metrics
+      ->add_option("--space", space,
+                   "Coordinates of the mesh, where its file does not state them; default: the "
+                   "volume's own")
+      ->transform(CLI::IsMember(space_choices(), CLI::ignore_case))
+      ->default_str("input");
+  metrics->add_option("--out", command.out_file, "Write the report as JSON to this file");
+  metrics->add_flag("--json", command.as_json, "Print the report as JSON instead of a table");
+  add_threads_option(*metrics, options);
+  metrics->add_flag("-v,--verbose", options.is_verbose, "Say more");
+  return metrics;
 }
 
 void add_mesh_command(CLI::App& app, CliOptions& options, std::string& space, std::string& seed) {
@@ -77,9 +114,7 @@ void add_mesh_command(CLI::App& app, CliOptions& options, std::string& space, st
                    "key=value, over the parameter file; labels.2.epsilon=0.5 for one label")
       ->allow_extra_args(false);
   mesh->add_option("--seed", seed, "Short for --set seed=N");
-  mesh->add_option("--threads", options.threads,
-                   "Number of threads; default: SLURM_CPUS_PER_TASK or all cores")
-      ->check(CLI::Range(1, 4096));
+  add_threads_option(*mesh, options);
   mesh->add_flag("--keep-stages", options.mesh.keep_stages,
                  "Write each stage's result to OUT/stages");
   mesh->add_flag("--surface-only", options.mesh.surface_only, "Stop before the tets")
@@ -98,9 +133,11 @@ CliOutcome parse_command_line(int argc, char** argv) {
   app.set_version_flag("--version", std::string("cvmesh ") + kVersion);
   app.require_subcommand(1);
 
-  std::string space, seed;
+  std::string space, seed, metrics_space;
   add_mesh_command(app, options, space, seed);
+  CLI::App* metrics = add_metrics_command(app, options, metrics_space);
   CLI::App* schema = app.add_subcommand("schema", "Print the JSON schema of the parameter file");
+  schema->add_flag("--metrics", options.schema_of_metrics, "That of the report, NAME.metrics.json");
   CLI::App* defaults = app.add_subcommand("defaults", "Print a parameter file with all defaults");
   try {
     app.parse(argc, argv);
@@ -109,9 +146,11 @@ CliOutcome parse_command_line(int argc, char** argv) {
     outcome.exit_code = app.exit(error) == 0 ? 0 : static_cast<int>(ErrorCode::BadParameter);
     return outcome;
   }
+  if (*metrics) options.command = Command::Metrics;
   if (*schema) options.command = Command::Schema;
   if (*defaults) options.command = Command::Defaults;
   options.mesh.space = space_of(space);
+  options.metrics.space = space_of(metrics_space);
   if (!seed.empty()) options.mesh.settings.push_back("seed=" + seed);
   return outcome;
 }

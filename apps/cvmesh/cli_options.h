@@ -3,13 +3,14 @@
 
 #include "cvmesh/pipeline/pipeline.h"
 
+#include "metrics_command.h"
 #include <optional>
 #include <string>
 #include <vector>
 
 namespace cvmesh::app {
 
-enum class Command { Mesh, Schema, Defaults };
+enum class Command { Mesh, Metrics, Schema, Defaults };
 
 struct MeshCommand {
   std::string input, params_file, out_dir = ".";
@@ -22,8 +23,10 @@ struct MeshCommand {
 struct CliOptions {
   Command command = Command::Mesh;
   MeshCommand mesh;
+  MetricsCommand metrics;
   int threads = 0;  ///< 0: as many as the machine, or the Slurm task, has
   bool is_quiet = false, is_verbose = false;
+  bool schema_of_metrics = false;  ///< `schema` prints that of the report
 };
 
 /// The command line, parsed; or, where it was answered already (help, version, usage error), the

@@ -87,7 +87,8 @@ std::string summary_table(const RunResult& result) {
     table += row("surface triangles", std::to_string(report.mesh->surface_triangles));
   }
   if (report.distances) {
-    table += row("to the dense surface", distance_row(report.distances->to_dense.overall));
+    if (report.distances->to_dense)
+      table += row("to the dense surface", distance_row(report.distances->to_dense->overall));
     table += row("to the labels", distance_row(report.distances->to_labels.overall));
   }
   if (report.quality) {

@@ -3,6 +3,7 @@
 #include "cvmesh/params/parameters_schema.h"
 #include "cvmesh/params/parse_parameters.h"
 #include "cvmesh/pipeline/pipeline.h"
+#include "cvmesh/report/metrics_schema.h"
 
 #include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
@@ -71,16 +72,28 @@ int run_mesh(const app::CliOptions& options) {
   return 0;
 }
 
+int run_metrics(const app::CliOptions& options) {
+  const tbb::global_control threads(tbb::global_control::max_allowed_parallelism,
+                                    thread_count(options.threads));
+  StageContext context;
+  context.log = app::make_log(!options.is_verbose, options.is_verbose, false);
+  context.cancel = &cancel_requested;
+  app::run_metrics(options.metrics, context);
+  return 0;
+}
+
 int run(int argc, char** argv) {
   const app::CliOutcome outcome = app::parse_command_line(argc, argv);
   if (outcome.exit_code) return *outcome.exit_code;
   switch (outcome.options.command) {
     case app::Command::Schema:
-      print(parameters_schema());
+      print(outcome.options.schema_of_metrics ? metrics_schema() : parameters_schema());
       return 0;
     case app::Command::Defaults:
       print(parameters_to_json(Parameters{}));
       return 0;
+    case app::Command::Metrics:
+      return run_metrics(outcome.options);
     case app::Command::Mesh:
       break;
   }

@@ -392,7 +392,7 @@ TEST_CASE("run_pipeline: a wanted number of vertices goes where it lowers the di
     CHECK(std::abs(static_cast<double>(reports[sizes].particle_counts->total) - 500) <= 10);
   }
   const auto mean = [&](TargetSizes sizes) {
-    return reports[sizes].distances->to_dense.overall.voxels.mean_symmetric();
+    return reports[sizes].distances->to_dense->overall.voxels.mean_symmetric();
   };
   CHECK(mean(TargetSizes::Deviation) < 0.8 * mean(TargetSizes::FeatureSize));
   // with the feature size, the number found is the epsilon to give next time
@@ -428,9 +428,9 @@ TEST_CASE("run_pipeline: max_distance holds everywhere, in voxels and in mm", "[
     const Report report = run_pipeline(request, silent_context()).report;
     REQUIRE(report.stages.epsilon_search);
     CHECK(report.stages.epsilon_search->reached <= limit);
-    CHECK(report.distances->to_dense.overall.voxels.hausdorff_lower_bound() <= limit * 1.02);
+    CHECK(report.distances->to_dense->overall.voxels.hausdorff_lower_bound() <= limit * 1.02);
     // Coarser than needed nowhere, but not much finer either: the sagitta is that of the limit.
-    CHECK(report.distances->to_dense.overall.voxels.hausdorff_lower_bound() > limit / 3);
+    CHECK(report.distances->to_dense->overall.voxels.hausdorff_lower_bound() > limit / 3);
     CHECK(report.mesh->surface_vertices > vertices);
     vertices = report.mesh->surface_vertices;
   }
@@ -438,7 +438,7 @@ TEST_CASE("run_pipeline: max_distance holds everywhere, in voxels and in mm", "[
   request.parameters.max_distance_mm = 0.4;
   const Report in_mm = run_pipeline(request, silent_context()).report;
   CHECK(in_mm.stages.epsilon_search->target == "max_distance_mm");
-  CHECK(in_mm.distances->to_dense.overall.mm.hausdorff_lower_bound() <= 0.4 * 1.02);
+  CHECK(in_mm.distances->to_dense->overall.mm.hausdorff_lower_bound() <= 0.4 * 1.02);
 
   // The edges that the user forbids stay forbidden, and the report says what is left.
   request.parameters.max_distance_mm = 0.1;

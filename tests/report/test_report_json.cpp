@@ -50,7 +50,7 @@ TEST_CASE("report_json: has its sections, with timings apart from results", "[re
   std::vector<std::string> keys;
   for (const auto& [key, value] : json.items())
     keys.push_back(key);
-  CHECK(keys == std::vector<std::string>{"cvmesh", "schema_version", "status", "input",
+  CHECK(keys == std::vector<std::string>{"cvmesh", "schema_version", "status", "libraries", "input",
                                          "parameters", "results", "timings"});
   CHECK(json["cvmesh"] == "1.2.3");
   CHECK(json["status"] == "success");

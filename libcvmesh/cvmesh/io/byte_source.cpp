@@ -148,6 +148,13 @@ std::uint64_t ByteSource::stored_bytes() const {
   return state_->stored;
 }
 
+std::string read_content(const std::filesystem::path& path) {
+  ByteSource source(path, Storage::Raw);
+  std::string content(source.stored_bytes(), '\0');
+  content.resize(source.read(content.data(), content.size()));
+  return content;
+}
+
 bool is_gzip(const std::filesystem::path& path) {
   ByteSource source(path, Storage::Raw);
   unsigned char magic[2] = {0, 0};

@@ -47,6 +47,9 @@ class ByteSource {
   std::unique_ptr<State> state_;
 };
 
+/// The whole file as it is stored. @throws Error BadInput as the constructor of `ByteSource`
+std::string read_content(const std::filesystem::path& path);
+
 /// Whether the file starts with the two bytes of a gzip member.
 bool is_gzip(const std::filesystem::path& path);
 

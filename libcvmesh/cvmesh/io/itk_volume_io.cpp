@@ -3,6 +3,7 @@
 
 #include <itkMetaImageIO.h>
 #include <itkNrrdImageIO.h>
+#include <itkVersion.h>
 
 #include <iostream>
 #include <sstream>
@@ -87,6 +88,10 @@ void read_into(itk::ImageIOBase& io,
 }
 
 }  // namespace
+
+std::string itk_version() {
+  return itk::Version::GetITKVersion();
+}
 
 std::vector<unsigned char> read_voxels_by_itk(const std::filesystem::path& path,
                                               const VolumeHeader& header,

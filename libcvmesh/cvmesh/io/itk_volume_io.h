@@ -4,11 +4,15 @@
 #include "cvmesh/io/volume_header.h"
 
 #include <filesystem>
+#include <string>
 #include <vector>
 
 namespace cvmesh::detail {
 
 enum class ItkFormat { Meta, Nrrd };
+
+/// The version of ITK that runs.
+std::string itk_version();
 
 /// The voxels of a MetaImage or NRRD file in this machine's byte order, read by ITK's class for
 /// that format alone (no factories). `header` is our own reading of the file, whose data has been

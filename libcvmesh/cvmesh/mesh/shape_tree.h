@@ -63,6 +63,53 @@ class ShapeTree {
     return best;
   }
 
+  /// Into `found`, sorted by distance and index: the wanted shapes that are at most `slack` farther
+  /// from p than the nearest of them. They hold the nearest shape of every point within slack / 2
+  /// of p. `guess` as for `nearest`.
+  template <typename IsWanted>
+  void collect_nearest(const Vec3& p,
+                       double slack,
+                       std::int64_t guess,
+                       const IsWanted& is_wanted,
+                       std::vector<Hit>& found) const {
+    found.clear();
+    double nearest2 = std::numeric_limits<double>::infinity(), limit2 = nearest2;
+    const auto tighten = [&](double squared_distance) {
+      if (!(squared_distance < nearest2)) return;
+      nearest2 = squared_distance;
+      const double limit = std::sqrt(squared_distance) + slack;
+      limit2 = limit * limit;
+    };
+    if (guess >= 0) tighten(shapes_.squared_distance(guess, p));
+    if (levels_.empty()) return;
+    std::array<Entry, kStack> stack;
+    std::size_t top = 0;
+    stack[top++] = {0, static_cast<std::uint32_t>(levels_.size() - 1), 0};
+    while (top > 0) {
+      const Entry entry = stack[--top];
+      if (entry.squared_distance > limit2) continue;
+      const Lanes near = distances(levels_[entry.level][entry.node], p);
+      if (entry.level > 0) {
+        push_far_first(near, entry, std::nextafter(limit2, kFar), stack, top);
+        continue;
+      }
+      for (std::uint32_t lane = 0; lane < kWidth; ++lane) {
+        if (!(near[lane] <= limit2)) continue;
+        const std::size_t place = entry.node * std::size_t{kWidth} + lane;
+        if (place >= order_.size() || !is_wanted(order_[place])) continue;
+        const double d = shapes_.squared_distance(order_[place], p);
+        if (d > limit2) continue;
+        found.push_back({d, order_[place]});
+        tighten(d);
+      }
+    }
+    std::erase_if(found, [&](const Hit& hit) { return hit.squared_distance > limit2; });
+    std::sort(found.begin(), found.end(), [](const Hit& a, const Hit& b) {
+      return a.squared_distance != b.squared_distance ? a.squared_distance < b.squared_distance
+                                                      : a.shape < b.shape;
+    });
+  }
+
   /// Calls visit(i) for every shape whose box overlaps or touches `box`, in an order that depends
   /// only on the shapes.
   template <typename Visit>
@@ -90,6 +137,7 @@ class ShapeTree {
   static constexpr std::uint32_t kWidth = 4;
   // 16 levels of four lanes cover 4^16 shapes; on each, all lanes but one may wait.
   static constexpr std::size_t kStack = 64;
+  static constexpr double kFar = std::numeric_limits<double>::infinity();
   using Lanes = std::array<double, kWidth>;
 
   // Boxes rounded outwards to floats: half the memory, and no box becomes too small. Lanes without

@@ -4,27 +4,22 @@
 #include "cvmesh/core/context.h"
 #include "cvmesh/labels/label_volume.h"
 #include "cvmesh/mesh/interface_mesh.h"
+#include "cvmesh/metrics/distance_samples.h"
 
 #include <cstddef>
+#include <map>
+#include <optional>
 #include <vector>
 
 namespace cvmesh {
-
-/// Distances from samples on one surface to another surface.
-///
-/// `max` is the largest sampled distance, vertices included: a lower bound of the one-sided
-/// Hausdorff distance. The others are weighted by area.
-struct DistanceStats {
-  double max = 0, p95 = 0, mean = 0, rms = 0;
-  std::size_t samples = 0;  ///< points measured, vertices included; 0: nothing to measure
-};
 
 /// Both directions between the final surface ("mesh") and a reference.
 struct TwoSidedDistance {
   DistanceStats mesh_to_reference, reference_to_mesh;
 
-  /// Sampled Hausdorff distance, a lower bound: the larger maximum.
+  /// The Hausdorff distance, the larger of the two largest distances, lies between these.
   [[nodiscard]] double hausdorff_lower_bound() const;
+  [[nodiscard]] double hausdorff_upper_bound() const;
   /// Average of the two means.
   [[nodiscard]] double mean_symmetric() const;
   /// Root of the average of the two mean squares.
@@ -37,35 +32,45 @@ struct SurfaceDistance {
   TwoSidedDistance mm, voxels;
 };
 
-/// One comparison for all interfaces together and for each material's boundary against the same
-/// material's boundary of the reference; `of_material` is indexed by material id, [0] stays empty.
+/// One comparison for all interfaces together, for each material's boundary against the same
+/// material's boundary of the reference, and for each interface (pair of materials) against the
+/// same interface of the reference. `of_material` is indexed by material id, [0] stays empty;
+/// `of_pair` has the pairs that both surfaces have.
 struct SurfaceDistances {
   SurfaceDistance overall;
   std::vector<SurfaceDistance> of_material;
+  std::map<Sides, SurfaceDistance> of_pair;
 };
 
 struct SurfaceFidelityOptions {
-  double samples_per_square_voxel = 4;  ///< at least; every facet has one sample or more
+  double samples_per_square_voxel = 20;  ///< at least; every facet has one sample or more
+  double max_error_vox = 0.05;           ///< of each largest distance; a voxel is the least spacing
 };
 
 struct SurfaceFidelity {
-  SurfaceDistances to_dense;   ///< against the dense surface, where the caller has one
+  std::optional<SurfaceDistances> to_dense;  ///< against the dense surface, where there is one
   SurfaceDistances to_labels;  ///< against the voxel faces between unequal labels, box faces too
-  double samples_per_square_voxel = 0;  ///< the density that was asked for
+  std::optional<SurfaceDistances> to_truth;  ///< against the user's surface, where there is one
+  SurfaceFidelityOptions options;            ///< how they were measured
 };
 
-/// Distances between the final `surface` and the `dense` surface, and between it and the raw
-/// boundary of the cleaned labels: voxel faces between unequal labels, the faces of the box among
-/// them where a label reaches it.
+/// Distances between the final `surface` and the `dense` surface and the `truth` (each may be null;
+/// the truth knows no materials, so that only the overall distance to it is measured), and between
+/// it and the raw boundary of the cleaned labels: voxel faces between unequal labels, the faces of
+/// the box among them where a label reaches it.
 ///
-/// Samples are a fixed low-discrepancy pattern on each facet [Roberts 2018] plus all vertices, four
-/// on each voxel face plus its corners at the default density; distances are exact. A staircase
+/// Means come from samples, low-discrepancy points on pieces of about a voxel [Roberts 2018];
+/// maxima from branch and bound [Guthe 2005]. Distances of single points are exact. A staircase
 /// keeps its distance from any smooth surface: the symmetric mean against the labels of a perfect
 /// sphere is about 0.12 voxel.
 ///
-/// O(samples log facets); memory about 40 bytes a facet and 12 bytes a sample.
+/// O(area log facets); memory about 40 bytes a facet, 60 bytes a piece and 4 bytes a sample.
+/// @throws Error BadParameter for a density or an error out of range; BadInput for a surface that
+/// is
+///         too large to be sampled
 SurfaceFidelity measure_surface_fidelity(const InterfaceMesh& surface,
-                                         const InterfaceMesh& dense,
+                                         const InterfaceMesh* dense,
+                                         const InterfaceMesh* truth,
                                          const LabelVolume& labels,
                                          const SurfaceFidelityOptions& options,
                                          const StageContext& context);

@@ -55,7 +55,7 @@ std::vector<std::size_t> count_solids(const InterfaceMesh& mesh, std::size_t mat
 void check_material(const std::string& label, const MaterialTopology& t) {
   for (const bool is_mesh : {false, true}) {
     const char* where = is_mesh ? "mesh" : "dense surface";
-    const BoundaryTopology& boundary = is_mesh ? t.mesh : t.dense;
+    const BoundaryTopology& boundary = is_mesh ? t.mesh : *t.dense;
     const std::size_t components = is_mesh ? t.mesh_components : t.dense_components;
     if (boundary.components == 0)
       fail(fmt::format("{} is lost in the {}; lower r, or drop the label by drop_labels", label,
@@ -89,7 +89,8 @@ std::vector<MaterialTopology> measure_topology(const LabelVolume& labels,
   const std::vector<std::size_t> mesh_solids = count_solids(surface, count);
   std::vector<MaterialTopology> topology(count);
   for (std::size_t m = 1; m < count; ++m)
-    topology[m] = {voxels[m], dense_boundary[m], mesh_boundary[m], dense_solids[m], mesh_solids[m]};
+    topology[m] = {voxels[m],       dense_boundary[m], mesh_boundary[m],
+                   dense_solids[m], mesh_solids[m],    {}};
   return topology;
 }
 

@@ -14,11 +14,13 @@
 #include "cvmesh/levelset/resample_labels.h"
 #include "cvmesh/pipeline/check_mesh.h"
 #include "cvmesh/pipeline/label_options.h"
+#include "cvmesh/pipeline/library_versions.h"
 #include "cvmesh/pipeline/mesh_at_scale.h"
 #include "cvmesh/pipeline/output_folder.h"
 #include "cvmesh/pipeline/run.h"
 #include "cvmesh/pipeline/stage_names.h"
 #include "cvmesh/pipeline/stage_runner.h"
+#include "cvmesh/pipeline/summarize_input.h"
 #include "cvmesh/pipeline/write_stages.h"
 #include "cvmesh/report/report_json.h"
 #include "cvmesh/tet/second_order.h"
@@ -39,22 +41,6 @@ namespace cvmesh {
 
 namespace {
 
-InputSummary summarize(const InputVolume& volume, const RunRequest& request) {
-  std::set<Label> labels;
-  Label last = 0;
-  for (const Label label : volume.values) {
-    // Neighbours are mostly equal: one look into the set per run of voxels.
-    if (labels.empty() || label != last) labels.insert(label);
-    last = label;
-  }
-  return {.file = request.input.filename().string(),
-          .dims = volume.frame.dims,
-          .spacing_mm = volume.frame.spacing_mm,
-          .space = volume.frame.space,
-          .output_space = request.space.value_or(volume.frame.space),
-          .labels = {labels.begin(), labels.end()}};
-}
-
 InputVolume read(Run& run) {
   InputVolume volume = run.stage.run(
       stage_names::kRead,
@@ -70,7 +56,8 @@ InputVolume read(Run& run) {
                            v.frame.dims[1], v.frame.dims[2], v.frame.spacing_mm.x,
                            v.frame.spacing_mm.y, v.frame.spacing_mm.z);
       });
-  run.report.input = summarize(volume, run.request);
+  run.report.input = summarize_input(volume, run.request.input);
+  run.report.input.output_space = run.request.space.value_or(volume.frame.space);
   return volume;
 }
 
@@ -219,6 +206,7 @@ void add_mid_nodes(Run& run, const InterfaceMesh& dense, TetMesh& tets) {
 void measure(Run& run, const LabelVolume& labels, const InterfaceMesh& dense, const TetMesh& tets) {
   const std::size_t material_count = labels.material_count();
   Report& report = run.report;
+  report.mm_to_out = run.mm_to_out;
   run.stage.run(
       stage_names::kMetrics,
       [&] {
@@ -232,12 +220,13 @@ void measure(Run& run, const LabelVolume& labels, const InterfaceMesh& dense, co
                                                   : measure_quality(tets, material_count);
         if (!run.request.surface_only) report.volumes = measure_volume_error(tets, labels);
         report_progress(run.context, stage_names::kMetrics, 0.5);
-        report.distances = measure_surface_fidelity(tets.surface, dense, labels, {}, run.context);
+        report.distances =
+            measure_surface_fidelity(tets.surface, &dense, nullptr, labels, {}, run.context);
         return 0;
       },
       [&](int) {
         return fmt::format("mean distance to the dense surface {:.3g} voxels, to the labels {:.3g}",
-                           report.distances->to_dense.overall.voxels.mean_symmetric(),
+                           report.distances->to_dense->overall.voxels.mean_symmetric(),
                            report.distances->to_labels.overall.voxels.mean_symmetric());
       });
 }
@@ -358,6 +347,7 @@ RunResult run_pipeline(const RunRequest& request, const StageContext& given) {
   OutputFolder outputs(request.out_dir, input_stem(request.input));
   Report report;
   report.version = kVersion;
+  report.libraries = library_versions();
   report.parameters = request.parameters;
   report.input.file = request.input.filename().string();
   report.threads = static_cast<int>(

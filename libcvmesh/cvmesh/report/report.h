@@ -10,6 +10,7 @@
 #include "cvmesh/levelset/tighten.h"
 #include "cvmesh/medial/extract_medial_axis.h"
 #include "cvmesh/mesh/validate.h"
+#include "cvmesh/metrics/label_tets.h"
 #include "cvmesh/metrics/mesh_counts.h"
 #include "cvmesh/metrics/surface_fidelity.h"
 #include "cvmesh/metrics/tet_quality.h"
@@ -27,6 +28,7 @@
 
 #include <array>
 #include <cstddef>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -41,6 +43,9 @@ struct InputSummary {
   Space space = Space::Unknown;         ///< of the file
   Space output_space = Space::Unknown;  ///< of the coordinates that were written
   std::vector<Label> labels;            ///< all values in the file, ascending
+  std::string file_sha256;              ///< of the file as it is stored
+  /// Of the labels in it: 32-bit little-endian integers, x fastest. The same for every file format.
+  std::string labels_sha256;
 };
 
 /// Size of a multi-material surface.
@@ -82,17 +87,29 @@ struct StageResults {
 /// boundary is twice that of the voxels, and each component has one outer boundary.
 struct MaterialTopology {
   LatticeTopology voxels;
-  BoundaryTopology dense, mesh;
-  std::size_t dense_components = 0, mesh_components = 0;  ///< of the solid: outer boundaries
+  std::optional<BoundaryTopology> dense;  ///< empty where there is no dense surface
+  BoundaryTopology mesh;
+  std::size_t dense_components = 0, mesh_components = 0;  ///< of the solid
+  std::optional<long long> mesh_euler;  ///< V - E + F - T of the tets, where they were counted
 };
 
-/// What was verified on the finished mesh; a run that fails one of these ends with an error.
+/// What was verified on the finished mesh; a run that fails one of these ends with an error, a
+/// judged mesh is reported as it is.
 struct Checks {
   bool surface_is_valid = false;  ///< closed manifold per material, no degenerate facet
   std::size_t surface_intersections = 0;
   bool labels_are_complete = false;    ///< every label and component of the voxels is there
   bool topology_as_lattice14 = false;  ///< Euler characteristics are those of the voxels
   std::optional<bool> tets_are_valid;  ///< empty when only surfaces were asked for
+  std::vector<std::string> faults;     ///< of a judged mesh: one sentence each
+};
+
+/// A mesh that came from a file instead of from a run.
+struct JudgedMesh {
+  std::string file;          ///< name without folders
+  std::string label_source;  ///< the array or field of the file that has the labels
+  std::size_t other_elements = 0, unused_points = 0;
+  TetFaults faults;
 };
 
 /// Time and memory of one stage, summed over its repetitions.
@@ -106,11 +123,13 @@ struct StageTiming {
 /// exterior. Timings stand apart from results: equal runs give equal results.
 struct Report {
   std::string version;
+  std::map<std::string, std::string> libraries;  ///< name -> version
   InputSummary input;
   Parameters parameters;
 
   std::vector<Label> label_of;       ///< material id -> label; [0]: what files call the exterior
   std::vector<std::string> name_of;  ///< material id -> name
+  Affine mm_to_out;                  ///< grid mm -> coordinates of the output
   StageResults stages;
   std::optional<ParticleCounts> particle_counts;
   std::optional<MeshCounts> mesh;
@@ -119,6 +138,7 @@ struct Report {
   std::vector<VolumeError> volumes;
   std::vector<MaterialTopology> topology;
   std::optional<Checks> checks;
+  std::optional<JudgedMesh> judged;  ///< only of a mesh that was judged
 
   std::vector<StageTiming> timings;  ///< in order of first run
   double total_seconds = 0;

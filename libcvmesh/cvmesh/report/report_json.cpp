@@ -2,6 +2,7 @@
 #include "cvmesh/report/report_json.h"
 
 #include "cvmesh/params/parse_parameters.h"
+#include "cvmesh/report/distances_json.h"
 #include "cvmesh/report/stats_json.h"
 
 #include <nlohmann/json.hpp>
@@ -13,7 +14,10 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 Json header(const Report& report, const char* status) {
-  return {{"cvmesh", report.version}, {"schema_version", kReportSchemaVersion}, {"status", status}};
+  return {{"cvmesh", report.version},
+          {"schema_version", kReportSchemaVersion},
+          {"status", status},
+          {"libraries", report.libraries}};
 }
 
 Json input_json(const InputSummary& input) {
@@ -22,7 +26,9 @@ Json input_json(const InputSummary& input) {
           {"spacing_mm", {input.spacing_mm.x, input.spacing_mm.y, input.spacing_mm.z}},
           {"space", space_name(input.space)},
           {"output_space", space_name(input.output_space)},
-          {"labels", input.labels}};
+          {"labels", input.labels},
+          {"file_sha256", input.file_sha256},
+          {"labels_sha256", input.labels_sha256}};
 }
 
 template <typename T>
@@ -30,18 +36,19 @@ void add(Json& object, const char* key, const std::optional<T>& value) {
   if (value) object[key] = *value;
 }
 
+Json boundary_json(const BoundaryTopology& boundary, std::size_t components) {
+  return {{"components", components},
+          {"boundary_components", boundary.components},
+          {"boundary_euler", boundary.euler},
+          {"is_closed_manifold", boundary.is_closed_manifold}};
+}
+
 Json topology_json(const MaterialTopology& t) {
-  return {{"voxels", {{"components", t.voxels.components}, {"euler", t.voxels.euler}}},
-          {"dense",
-           {{"components", t.dense_components},
-            {"boundary_components", t.dense.components},
-            {"boundary_euler", t.dense.euler},
-            {"is_closed_manifold", t.dense.is_closed_manifold}}},
-          {"mesh",
-           {{"components", t.mesh_components},
-            {"boundary_components", t.mesh.components},
-            {"boundary_euler", t.mesh.euler},
-            {"is_closed_manifold", t.mesh.is_closed_manifold}}}};
+  Json json = {{"voxels", {{"components", t.voxels.components}, {"euler", t.voxels.euler}}}};
+  if (t.dense) json["dense"] = boundary_json(*t.dense, t.dense_components);
+  json["mesh"] = boundary_json(t.mesh, t.mesh_components);
+  if (t.mesh_euler) json["mesh"]["euler"] = *t.mesh_euler;
+  return json;
 }
 
 /// Entry `m` of a per-material vector, where there is one.
@@ -62,12 +69,7 @@ void add_material(const Report& report, std::size_t m, Json& entry) {
     add_entry(entry, "tets", report.mesh->tets_of, m);
     add_entry(entry, "surface_triangles", report.mesh->triangles_of, m);
   }
-  if (report.distances) {
-    Json distances;
-    add_entry(distances, "to_dense", report.distances->to_dense.of_material, m);
-    add_entry(distances, "to_labels", report.distances->to_labels.of_material, m);
-    entry["distances"] = distances;
-  }
+  if (report.distances) entry["distances"] = material_distances_json(report, m);
   if (report.quality) {
     Json quality;
     add_entry(quality, "triangles", report.quality->triangles_of, m);
@@ -183,7 +185,7 @@ Json results_json(const Report& report) {
   }
   add(results, "mesh", report.mesh);
   add(results, "quality", report.quality);
-  add(results, "distances", report.distances);
+  if (report.distances) results["distances"] = distances_json(report);
   add(results, "checks", report.checks);
   results["stages"] = stages_json(report);
   return results;
@@ -202,6 +204,7 @@ Json timings_json(const Report& report) {
 
 void add_body(const Report& report, Json& object) {
   object["input"] = input_json(report.input);
+  add(object, "judged_mesh", report.judged);
   object["parameters"] = parameters_to_json(report.parameters);
   object["results"] = results_json(report);
   object["timings"] = timings_json(report);

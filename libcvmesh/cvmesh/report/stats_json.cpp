@@ -241,32 +241,6 @@ void to_json(Json& json, const MeshQuality& quality) {
   if (quality.tets.radius_ratio.count > 0) json["tets"] = quality.tets;
 }
 
-void to_json(Json& json, const DistanceStats& stats) {
-  json = {{"max", stats.max},
-          {"p95", stats.p95},
-          {"mean", stats.mean},
-          {"rms", stats.rms},
-          {"samples", stats.samples}};
-}
-
-void to_json(Json& json, const TwoSidedDistance& distance) {
-  json = {{"mesh_to_reference", distance.mesh_to_reference},
-          {"reference_to_mesh", distance.reference_to_mesh},
-          {"hausdorff_lower_bound", distance.hausdorff_lower_bound()},
-          {"mean_symmetric", distance.mean_symmetric()},
-          {"rms_symmetric", distance.rms_symmetric()}};
-}
-
-void to_json(Json& json, const SurfaceDistance& distance) {
-  json = {{"mm", distance.mm}, {"voxels", distance.voxels}};
-}
-
-void to_json(Json& json, const SurfaceFidelity& fidelity) {
-  json = {{"to_dense", fidelity.to_dense.overall},
-          {"to_labels", fidelity.to_labels.overall},
-          {"samples_per_square_voxel", fidelity.samples_per_square_voxel}};
-}
-
 void to_json(Json& json, const VolumeError& volume) {
   json = {{"voxels_mm3", volume.voxels_mm3},
           {"mesh_mm3", volume.mesh_mm3},
@@ -279,6 +253,24 @@ void to_json(Json& json, const Checks& checks) {
           {"labels_are_complete", checks.labels_are_complete},
           {"topology_as_lattice14", checks.topology_as_lattice14}};
   if (checks.tets_are_valid) json["tets_are_valid"] = *checks.tets_are_valid;
+  if (!checks.faults.empty()) json["faults"] = checks.faults;
+}
+
+void to_json(Json& json, const TetFaults& faults) {
+  json = {{"inverted", faults.inverted},
+          {"flat", faults.flat},
+          {"repeated_vertex", faults.repeated_vertex},
+          {"repeated_tets", faults.repeated_tets},
+          {"crowded_faces", faults.crowded_faces},
+          {"folded_faces", faults.folded_faces}};
+}
+
+void to_json(Json& json, const JudgedMesh& judged) {
+  json = {{"file", judged.file},
+          {"label_source", judged.label_source},
+          {"other_elements", judged.other_elements},
+          {"unused_points", judged.unused_points},
+          {"tet_faults", judged.faults}};
 }
 
 }  // namespace cvmesh

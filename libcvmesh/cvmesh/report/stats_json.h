@@ -41,11 +41,9 @@ void to_json(nlohmann::ordered_json& json, const Distribution& distribution);
 void to_json(nlohmann::ordered_json& json, const TetQuality& quality);
 void to_json(nlohmann::ordered_json& json, const TriangleQuality& quality);
 void to_json(nlohmann::ordered_json& json, const MeshQuality& quality);
-void to_json(nlohmann::ordered_json& json, const DistanceStats& stats);
-void to_json(nlohmann::ordered_json& json, const TwoSidedDistance& distance);
-void to_json(nlohmann::ordered_json& json, const SurfaceDistance& distance);
-void to_json(nlohmann::ordered_json& json, const SurfaceFidelity& fidelity);
 void to_json(nlohmann::ordered_json& json, const VolumeError& volume);
 void to_json(nlohmann::ordered_json& json, const Checks& checks);
+void to_json(nlohmann::ordered_json& json, const TetFaults& faults);
+void to_json(nlohmann::ordered_json& json, const JudgedMesh& judged);
 
 }  // namespace cvmesh

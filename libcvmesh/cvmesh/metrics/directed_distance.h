@@ -1,0 +1,512 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/core/parallel.h"
+#include "cvmesh/core/random.h"
+#include "cvmesh/mesh/shape_tree.h"
+#include "cvmesh/metrics/distance_samples.h"
+#include "cvmesh/metrics/measured_surfaces.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <set>
+#include <vector>
+
+namespace cvmesh {
+
+/// Distances from one surface to another: all together, per material and per pair of materials.
+struct DirectedDistances {
+  DistanceStats overall;
+  std::vector<DistanceStats> of_material;  ///< by material id
+  std::map<Sides, DistanceStats> of_pair;  ///< pairs on both surfaces
+};
+
+/// How a direction is measured. Lengths are in the space of the two surfaces.
+struct DirectionOptions {
+  double samples_per_square_voxel = 20;
+  double max_error = 0.05;   ///< of each maximum
+  Vec3 unit_mm{1, 1, 1};     ///< lengths of the space's units along the axes
+  Vec3 spacing_mm{1, 1, 1};  ///< of the voxels
+};
+
+/// Measures one surface against another, both of flat convex shapes (`measured_surfaces.h`).
+///
+/// The surface is cut into pieces of about a voxel. For each piece one search finds the few target
+/// shapes that can be nearest to a point of it; samples and corners are measured against those
+/// only. The distance to a convex shape is convex, so that the least over the shapes of the largest
+/// distance of a corner bounds the distance of the whole piece from above [Guthe 2005]; pieces
+/// whose bound exceeds the largest distance found by more than the wanted error are halved until
+/// none is left.
+///
+/// A piece counts for all shapes together, for both of its materials and for its pair of them; each
+/// of these classes is measured against the target's shapes of the same class.
+template <typename From, typename To>
+class Direction {
+ public:
+  Direction(const From& from,
+            const To& to,
+            const ShapeTree<To>& tree,
+            std::size_t materials,
+            const DirectionOptions& options)
+      : from_(from),
+        to_(to),
+        tree_(tree),
+        options_(options),
+        random_(0, "metrics"),
+        is_in_target_(materials, false) {
+    for (std::size_t f = 0; f < to.size(); ++f) {
+      // Neighbours are mostly of the same pair: one look into the set per run of them.
+      if (f == 0 || !(to.sides(f) == to.sides(f - 1))) pairs_in_target_.insert(to.sides(f));
+    }
+    for (const Sides& pair : pairs_in_target_)
+      is_in_target_[pair.inside] = is_in_target_[pair.outside] = true;
+    to_voxels_ = divided_by(options.unit_mm, options.spacing_mm);
+  }
+
+  DirectedDistances measure() {
+    DirectedDistances result;
+    result.of_material.resize(is_in_target_.size());
+    if (from_.size() == 0 || to_.size() == 0) return result;
+    measure_pieces();
+    std::map<Sides, std::vector<PieceId>> pieces_of;
+    for (std::uint32_t c = 0; c < chunks_.size(); ++c)
+      for (std::uint32_t p = 0; p < chunks_[c].pieces.size(); ++p)
+        pieces_of[sides_of({c, p})].push_back({c, p});
+
+    result.overall = summarise(all_of(pieces_of, [](Sides) { return true; }), kAll);
+    const bool is_one_pair = pieces_of.size() == 1 && pairs_in_target_.size() == 1 &&
+                             is_target(pieces_of.begin()->first);
+    for (const auto& [pair, pieces] : pieces_of)
+      if (is_target(pair))
+        result.of_pair[pair] = is_one_pair ? result.overall : summarise(pieces, kPair);
+    for (std::size_t m = 1; m < result.of_material.size(); ++m) {
+      if (!is_in_target_[m]) continue;
+      const auto id = static_cast<MaterialId>(m);
+      const auto pieces =
+          all_of(pieces_of, [id](Sides s) { return s.inside == id || s.outside == id; });
+      if (!pieces.empty())
+        result.of_material[m] = is_one_pair ? result.overall : summarise(pieces, id);
+    }
+    return result;
+  }
+
+ private:
+  static constexpr std::size_t kChunk = 256;  // shapes that are measured one after the other
+  // Longest side of a piece, in voxels: longer ones have more candidates, shorter ones more
+  // searches.
+  static constexpr double kPieceVox = 1.0;
+  // What a distance is measured to: all shapes, those of the same pair, or those of a material.
+  static constexpr std::int32_t kAll = -1, kPair = -2;
+  using Hit = typename ShapeTree<To>::Hit;
+
+  // The distances of a piece to one class of shapes: attained by a point, and not exceeded by any.
+  struct Bounds {
+    double attained = 0, upper = 0;
+  };
+
+  // A piece keeps one set of samples and bounds where all classes agree, else one for each of:
+  // all, inside material, outside material, pair.
+  struct Piece {
+    std::uint32_t shape = 0;    // of `from_`
+    std::uint32_t ordinal = 0;  // among the pieces of the shape
+    std::uint32_t first_sample = 0, samples = 0, first_bounds = 0;
+    float weight = 0;  // area of one sample
+    bool is_split = false;
+  };
+
+  struct Chunk {
+    std::vector<Piece> pieces;
+    std::vector<float> distances;
+    std::vector<Bounds> bounds;
+  };
+
+  struct PieceId {
+    std::uint32_t chunk, piece;
+  };
+
+  // A part of a piece that the search for the maximum looks at.
+  struct Part {
+    FlatPiece outline;
+    Sides sides;
+    Bounds bounds;
+    Vec3 at;  // where `attained` is
+  };
+
+  // What one thread needs while it measures.
+  struct Scratch {
+    std::vector<Vec3> points;
+    std::vector<Hit> found, filtered;
+    std::array<std::int64_t, 4> guess{-1, -1, -1, -1};
+    Sides guess_sides;
+  };
+
+  [[nodiscard]] bool is_target(Sides pair) const { return pairs_in_target_.count(pair) > 0; }
+
+  // The class with number 0..3 (all, inside, outside, pair) of a piece, in the words of `matches`.
+  static std::int32_t class_of(int number, Sides sides) {
+    const std::array<std::int32_t, 4> classes{kAll, sides.inside, sides.outside, kPair};
+    return classes[number];
+  }
+
+  static bool matches(Sides shape, std::int32_t wanted, Sides piece) {
+    if (wanted == kAll) return true;
+    if (wanted == kPair) return shape == piece;
+    return shape.inside == wanted || shape.outside == wanted;
+  }
+
+  [[nodiscard]] bool has_target(std::int32_t wanted, Sides piece) const {
+    if (wanted == kAll) return true;
+    return wanted == kPair ? is_target(piece) : wanted != kExterior && is_in_target_[wanted];
+  }
+
+  [[nodiscard]] Sides sides_of(PieceId id) const {
+    return from_.sides(chunks_[id.chunk].pieces[id.piece].shape);
+  }
+
+  template <typename Wanted>
+  static std::vector<PieceId> all_of(const std::map<Sides, std::vector<PieceId>>& pieces_of,
+                                     const Wanted& wanted) {
+    std::vector<PieceId> result;
+    for (const auto& [pair, pieces] : pieces_of)
+      if (wanted(pair)) result.insert(result.end(), pieces.begin(), pieces.end());
+    return result;
+  }
+
+  // --- pieces ------------------------------------------------------------------------------------
+
+  [[nodiscard]] FlatPiece in_voxels(const FlatPiece& piece) const {
+    FlatPiece result = piece;
+    for (Vec3& corner : result.corner)
+      corner = scaled_by(corner, to_voxels_);
+    return result;
+  }
+
+  // Calls visit(piece) for the pieces of a shape, always in the same order.
+  template <typename Visit>
+  void for_each_piece(std::size_t shape, const Visit& visit) const {
+    std::vector<FlatPiece> open{from_.piece(shape)};
+    while (!open.empty()) {
+      const FlatPiece piece = open.back();
+      open.pop_back();
+      if (longest_side_vox(piece) <= kPieceVox * (1 + 1e-9)) {
+        visit(piece);
+      } else {
+        const auto [first, second] = halves(piece);
+        open.push_back(second);
+        open.push_back(first);
+      }
+    }
+  }
+
+  [[nodiscard]] double longest_side_vox(const FlatPiece& piece) const {
+    double squared = 0;
+    for (int k = 0; k < piece.corners; ++k)
+      squared = std::max(
+          squared, squared_norm(scaled_by(piece.corner[(k + 1) % piece.corners] - piece.corner[k],
+                                          to_voxels_)));
+    return std::sqrt(squared);
+  }
+
+  [[nodiscard]] FlatPiece outline_of(const Piece& piece) const {
+    FlatPiece result;
+    std::uint32_t ordinal = 0;
+    for_each_piece(piece.shape, [&](const FlatPiece& outline) {
+      if (ordinal++ == piece.ordinal) result = outline;
+    });
+    return result;
+  }
+
+  void measure_pieces() {
+    chunks_.resize((from_.size() + kChunk - 1) / kChunk);
+    parallel_for_each_index(
+        0, chunks_.size(),
+        [&](std::size_t c) {
+          Scratch scratch;
+          const std::size_t end = std::min(from_.size(), (c + 1) * kChunk);
+          for (std::size_t shape = c * kChunk; shape < end; ++shape) {
+            std::uint32_t ordinal = 0;
+            for_each_piece(shape, [&](const FlatPiece& outline) {
+              Piece piece;
+              piece.shape = static_cast<std::uint32_t>(shape);
+              piece.ordinal = ordinal++;
+              measure_piece(outline, piece, chunks_[c], scratch);
+            });
+          }
+        },
+        1);
+  }
+
+  void measure_piece(const FlatPiece& outline, Piece piece, Chunk& chunk, Scratch& scratch) const {
+    const double wanted = options_.samples_per_square_voxel * in_voxels(outline).area();
+    piece.samples = static_cast<std::uint32_t>(std::max(1.0, std::ceil(wanted)));
+    piece.weight = static_cast<float>(outline.area() / piece.samples);
+    piece.first_sample = static_cast<std::uint32_t>(chunk.distances.size());
+    piece.first_bounds = static_cast<std::uint32_t>(chunk.bounds.size());
+    place_samples(outline, piece, scratch.points);
+
+    const Sides sides = from_.sides(piece.shape);
+    if (!(scratch.guess_sides == sides)) scratch.guess = {scratch.guess[0], -1, -1, -1};
+    scratch.guess_sides = sides;
+    const Vec3 centre = outline.centre();
+    const double slack = 2 * outline.radius();
+    collect(centre, slack, kAll, sides, scratch.guess[0], scratch.found);
+    piece.is_split = std::any_of(scratch.found.begin(), scratch.found.end(),
+                                 [&](const Hit& hit) { return !(to_.sides(hit.shape) == sides); });
+    measure_against(outline, centre, scratch.found, scratch.points, chunk);
+    for (int number = 1; piece.is_split && number < 4; ++number) {
+      const std::int32_t wanted_class = class_of(number, sides);
+      if (!has_target(wanted_class, sides)) {
+        chunk.bounds.emplace_back();
+        chunk.distances.resize(chunk.distances.size() + piece.samples, 0);
+        continue;
+      }
+      select(centre, slack, wanted_class, sides, scratch.guess[number], scratch);
+      measure_against(outline, centre, scratch.filtered, scratch.points, chunk);
+    }
+    chunk.pieces.push_back(piece);
+  }
+
+  // Low-discrepancy points that fill the piece: the R2 sequence [Roberts 2018], started at a random
+  // place for each piece, so that every point of the surface is as likely as any other.
+  void place_samples(const FlatPiece& outline,
+                     const Piece& piece,
+                     std::vector<Vec3>& points) const {
+    constexpr double kPlastic = 1.32471795724474602596;
+    constexpr double kStepU = 1 / kPlastic, kStepV = 1 / (kPlastic * kPlastic);
+    const auto fraction = [](double x) { return x - std::floor(x); };
+    const double u = random_.uniform(piece.shape, 2ULL * piece.ordinal);
+    const double v = random_.uniform(piece.shape, 2ULL * piece.ordinal + 1);
+    points.clear();
+    for (std::uint32_t s = 0; s < piece.samples; ++s)
+      points.push_back(outline.point(fraction(u + s * kStepU), fraction(v + s * kStepV)));
+  }
+
+  // The shapes of a class that can be nearest to a point of a piece.
+  void collect(const Vec3& centre,
+               double slack,
+               std::int32_t wanted,
+               Sides sides,
+               std::int64_t& guess,
+               std::vector<Hit>& found) const {
+    tree_.collect_nearest(
+        centre, slack, guess,
+        [&](std::size_t shape) { return matches(to_.sides(shape), wanted, sides); }, found);
+    guess = found.front().shape;
+  }
+
+  // The same from the shapes that were found for all classes, if these are enough: where the
+  // nearest of them is of the class.
+  void select(const Vec3& centre,
+              double slack,
+              std::int32_t wanted,
+              Sides sides,
+              std::int64_t& guess,
+              Scratch& scratch) const {
+    if (!matches(to_.sides(scratch.found.front().shape), wanted, sides)) {
+      collect(centre, slack, wanted, sides, guess, scratch.filtered);
+      return;
+    }
+    scratch.filtered.clear();
+    std::copy_if(scratch.found.begin(), scratch.found.end(), std::back_inserter(scratch.filtered),
+                 [&](const Hit& hit) { return matches(to_.sides(hit.shape), wanted, sides); });
+    guess = scratch.filtered.front().shape;
+  }
+
+  void measure_against(const FlatPiece& outline,
+                       const Vec3& centre,
+                       const std::vector<Hit>& shapes,
+                       const std::vector<Vec3>& points,
+                       Chunk& chunk) const {
+    Vec3 at;
+    Bounds bounds = bound(outline, shapes, at);
+    for (const Vec3& p : points) {
+      const double d = distance_to(shapes, p, distance(p, centre));
+      bounds.attained = std::max(bounds.attained, d);
+      chunk.distances.push_back(static_cast<float>(d));
+    }
+    bounds.upper = std::max(bounds.upper, bounds.attained);
+    chunk.bounds.push_back(bounds);
+  }
+
+  // Distance from p to the nearest of the shapes, which are sorted by their distance from a point
+  // that is `away` from p: no shape can be nearer to p than its own distance less that.
+  [[nodiscard]] double distance_to(const std::vector<Hit>& shapes,
+                                   const Vec3& p,
+                                   double away) const {
+    double best2 = std::numeric_limits<double>::infinity(), reach2 = best2;
+    for (const Hit& hit : shapes) {
+      if (hit.squared_distance > reach2) break;
+      const double d2 = to_.squared_distance(hit.shape, p);
+      if (!(d2 < best2)) continue;
+      best2 = d2;
+      const double reach = std::sqrt(d2) + away;
+      reach2 = reach * reach;
+    }
+    return std::sqrt(best2);
+  }
+
+  // Bounds from the corners alone: the farthest of them, and the nearest convex shape's farthest.
+  Bounds bound(const FlatPiece& outline, const std::vector<Hit>& shapes, Vec3& at) const {
+    std::array<double, 4> nearest2;
+    nearest2.fill(std::numeric_limits<double>::infinity());
+    double upper2 = nearest2[0];
+    const double radius = outline.radius();
+    double reach2 = upper2;
+    for (const Hit& hit : shapes) {
+      if (hit.squared_distance > reach2) break;
+      double farthest2 = 0;
+      for (int k = 0; k < outline.corners; ++k) {
+        const double d2 = to_.squared_distance(hit.shape, outline.corner[k]);
+        nearest2[k] = std::min(nearest2[k], d2);
+        farthest2 = std::max(farthest2, d2);
+      }
+      if (!(farthest2 < upper2)) continue;
+      upper2 = farthest2;
+      const double reach = std::sqrt(upper2) + radius;
+      reach2 = reach * reach;
+    }
+    Bounds bounds{0, std::sqrt(upper2)};
+    at = outline.corner[0];
+    for (int k = 0; k < outline.corners; ++k) {
+      const double d = std::sqrt(nearest2[k]);
+      if (d <= bounds.attained) continue;
+      bounds.attained = d;
+      at = outline.corner[k];
+    }
+    return bounds;
+  }
+
+  // --- statistics --------------------------------------------------------------------------------
+
+  // Which of a piece's sets of samples and bounds holds a class.
+  [[nodiscard]] std::uint32_t set_of(const Piece& piece, std::int32_t wanted) const {
+    if (!piece.is_split || wanted == kAll) return 0;
+    if (wanted == kPair) return 3;
+    return from_.sides(piece.shape).inside == wanted ? 1 : 2;
+  }
+
+  DistanceStats summarise(const std::vector<PieceId>& pieces, std::int32_t wanted) const {
+    DistanceSamples samples;
+    for (const PieceId id : pieces) {
+      const Chunk& chunk = chunks_[id.chunk];
+      const Piece& piece = chunk.pieces[id.piece];
+      const std::size_t first = piece.first_sample + set_of(piece, wanted) * piece.samples;
+      samples.add({chunk.distances.data() + first, piece.samples}, piece.weight);
+    }
+    DistanceStats stats = samples.stats();
+    find_maximum(pieces, wanted, stats);
+    stats.worst_mm = scaled_by(stats.worst_mm, options_.unit_mm);
+    return stats;
+  }
+
+  [[nodiscard]] const Bounds& bounds_of(PieceId id, std::int32_t wanted) const {
+    const Chunk& chunk = chunks_[id.chunk];
+    const Piece& piece = chunk.pieces[id.piece];
+    return chunk.bounds[piece.first_bounds + set_of(piece, wanted)];
+  }
+
+  // The point of a measured piece where its largest distance to a class was found.
+  [[nodiscard]] Part worst_part(PieceId id, std::int32_t wanted) const {
+    const Piece& piece = chunks_[id.chunk].pieces[id.piece];
+    Part part{outline_of(piece), from_.sides(piece.shape), {}, {}};
+    std::vector<Vec3> points;
+    place_samples(part.outline, piece, points);
+    const Vec3 centre = part.outline.centre();
+    std::vector<Hit> shapes;
+    std::int64_t guess = -1;
+    collect(centre, 2 * part.outline.radius(), wanted, part.sides, guess, shapes);
+    part.bounds = bound(part.outline, shapes, part.at);
+    for (const Vec3& p : points) {
+      const double d = distance_to(shapes, p, distance(p, centre));
+      if (d <= part.bounds.attained) continue;
+      part.bounds.attained = d;
+      part.at = p;
+    }
+    return part;
+  }
+
+  static void take_if_farther(const Part& part, DistanceStats& stats) {
+    if (part.bounds.attained <= stats.max) return;
+    take(part, stats);
+  }
+
+  static void take(const Part& part, DistanceStats& stats) {
+    stats.max = part.bounds.attained;
+    stats.worst_mm = part.at;
+    stats.worst_sides = part.sides;
+  }
+
+  // Branch and bound: all parts whose bound is too high are halved at once, until none is left.
+  void find_maximum(const std::vector<PieceId>& pieces,
+                    std::int32_t wanted,
+                    DistanceStats& stats) const {
+    PieceId worst = pieces.front();
+    for (const PieceId id : pieces)
+      if (bounds_of(id, wanted).attained > bounds_of(worst, wanted).attained) worst = id;
+    take(worst_part(worst, wanted), stats);
+    double upper = stats.max;  // of all that is settled
+    std::vector<Part> open;
+    for (const PieceId id : pieces) {
+      const Bounds& bounds = bounds_of(id, wanted);
+      if (bounds.upper <= stats.max + options_.max_error) {
+        upper = std::max(upper, bounds.upper);
+        continue;
+      }
+      const Piece& piece = chunks_[id.chunk].pieces[id.piece];
+      open.push_back({outline_of(piece), from_.sides(piece.shape), bounds, {}});
+    }
+    while (!open.empty())
+      open = halve(open, wanted, stats, upper);
+    stats.max_error = upper - stats.max;
+  }
+
+  std::vector<Part> halve(const std::vector<Part>& open,
+                          std::int32_t wanted,
+                          DistanceStats& stats,
+                          double& upper) const {
+    std::vector<Part> parts(2 * open.size());
+    parallel_for_each_index(
+        0, open.size(),
+        [&](std::size_t i) {
+          std::vector<Hit> shapes;
+          const auto outlines = halves(open[i].outline);
+          std::int64_t guess = -1;
+          for (int half = 0; half < 2; ++half) {
+            Part& part = parts[2 * i + static_cast<std::size_t>(half)];
+            part.outline = outlines[half];
+            part.sides = open[i].sides;
+            const Vec3 centre = part.outline.centre();
+            collect(centre, 2 * part.outline.radius(), wanted, part.sides, guess, shapes);
+            part.bounds = bound(part.outline, shapes, part.at);
+            part.bounds.upper = std::min(part.bounds.upper, open[i].bounds.upper);
+          }
+        },
+        64);
+    for (const Part& part : parts)
+      take_if_farther(part, stats);
+    std::vector<Part> rest;
+    for (const Part& part : parts) {
+      if (part.bounds.upper > stats.max + options_.max_error)
+        rest.push_back(part);
+      else
+        upper = std::max(upper, part.bounds.upper);
+    }
+    return rest;
+  }
+
+  const From& from_;
+  const To& to_;
+  const ShapeTree<To>& tree_;
+  DirectionOptions options_;
+  CounterRandom random_;
+  Vec3 to_voxels_;
+  std::vector<bool> is_in_target_;
+  std::set<Sides> pairs_in_target_;
+  std::vector<Chunk> chunks_;
+};
+
+}  // namespace cvmesh

@@ -1,0 +1,250 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/error.h"
+#include "cvmesh/io/surface_reader.h"
+#include "cvmesh/io/tet_reader.h"
+#include "cvmesh/io/tet_writer.h"
+
+#include "metrics/simple_meshes.h"
+#include "support/catch.h"
+#include "support/test_data.h"
+#include <cstdlib>
+#include <fstream>
+#include <functional>
+
+using namespace cvmesh;
+
+namespace {
+
+void write_file(const std::filesystem::path& path, const std::string& content) {
+  std::ofstream(path, std::ios::binary) << content;
+}
+
+std::string content_of(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// The message of the Error BadInput that reading must end with.
+std::string refusal(const std::function<void()>& read) {
+  try {
+    read();
+  } catch (const Error& error) {
+    CHECK(error.code() == ErrorCode::BadInput);
+    return error.what();
+  }
+  return "accepted";
+}
+
+std::string refusal_of_tets(const std::string& name, const std::string& content) {
+  const test_data::TemporaryFolder folder;
+  write_file(folder / name, content);
+  return refusal([&] { read_tet_file(folder / name); });
+}
+
+using Catch::Contains;
+
+const std::string kMedit =
+    "MeshVersionFormatted 2\nDimension 3\nVertices\n4\n0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n"
+    "Tetrahedra\n1\n1 2 3 4 5\nEnd\n";
+
+const std::string kVtu =
+    "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" byte_order=\"LittleEndian\">\n"
+    "<UnstructuredGrid><Piece NumberOfPoints=\"4\" NumberOfCells=\"1\">\n"
+    "<Points><DataArray type=\"Float64\" NumberOfComponents=\"3\" format=\"ascii\">\n"
+    "0 0 0 1 0 0 0 1 0 0 0 1\n</DataArray></Points>\n"
+    "<Cells><DataArray type=\"Int64\" Name=\"connectivity\" format=\"ascii\">0 1 2 3</DataArray>\n"
+    "<DataArray type=\"Int64\" Name=\"offsets\" format=\"ascii\">4</DataArray>\n"
+    "<DataArray type=\"UInt8\" Name=\"types\" format=\"ascii\">10</DataArray></Cells>\n"
+    "<CellData><DataArray type=\"Int32\" Name=\"ref\" format=\"ascii\">6</DataArray>\n"
+    "<DataArray type=\"Float64\" Name=\"labels\" format=\"ascii\">5</DataArray></CellData>\n"
+    "</Piece></UnstructuredGrid></VTKFile>\n";
+
+std::string replaced(std::string text, const std::string& from, const std::string& to) {
+  const std::size_t at = text.find(from);
+  REQUIRE(at != std::string::npos);
+  return text.replace(at, from.size(), to);
+}
+
+}  // namespace
+
+TEST_CASE("read_tet_file: reads back what the writers wrote", "[io][unit]") {
+  const TetMesh mesh = simple_meshes::two_material_cube();
+  LabelVolume labels;
+  labels.label_of = {0, -7, 300};
+  labels.name_of = {"", "a", "b"};
+  Affine map;
+  map.offset = {10.125, -20, 1e3 / 7};
+  const test_data::TemporaryFolder folder;
+  write_vtu(folder / "m.vtu", mesh, labels, map, Space::Lps);
+  write_medit(folder / "m.mesh", mesh, labels, map, Space::Lps);
+  for (const char* name : {"m.vtu", "m.mesh"}) {
+    const TetFile file = read_tet_file(folder / name);
+    REQUIRE(file.points.size() == mesh.points.size());
+    for (std::size_t i = 0; i < file.points.size(); ++i)
+      CHECK(file.points[i] == map(mesh.points[i]));
+    CHECK(file.tets == mesh.tets);
+    REQUIRE(file.label_of.size() == mesh.tets.size());
+    for (std::size_t t = 0; t < file.label_of.size(); ++t)
+      CHECK(file.label_of[t] == labels.label_of[mesh.material_of[t]]);
+    CHECK(file.space == Space::Lps);
+  }
+  CHECK(read_tet_file(folder / "m.mesh").other_elements == mesh.surface.facets.size());
+}
+
+TEST_CASE("read_tet_file: reads every form that meshio writes", "[io][unit]") {
+  const test_data::TemporaryFolder folder;
+  const std::string command = "/usr/bin/python3 " CVMESH_SOURCE_DIR
+                              "/tests/io/write_meshio_files.py " +
+                              folder.path().string();
+  if (std::system(command.c_str()) != 0) {  // NOLINT(concurrency-mt-unsafe)
+    WARN("skipped: meshio is missing");
+    return;
+  }
+  for (const char* name : {"ascii.vtu", "base64.vtu", "zlib.vtu", "base64_32.vtu", "zlib_64.vtu",
+                           "medit.mesh", "gmsh2.2.msh", "gmsh4.1.msh"}) {
+    CAPTURE(name);
+    const TetFile file = read_tet_file(folder / name);
+    REQUIRE(file.points.size() == 5);
+    CHECK(file.points[2] == Vec3{0, 1.5, 0});
+    CHECK(file.points[4].z == Approx(0.1).epsilon(1e-15));
+    CHECK(file.tets == std::vector<std::array<std::int32_t, 4>>{{0, 1, 2, 3}, {1, 4, 2, 3}});
+    CHECK(file.other_elements == 1);
+    // meshio's 4.1 files have no entities, so that their tets have no labels of their own.
+    if (std::string(name) != "gmsh4.1.msh") CHECK(file.label_of == std::vector<Label>{2, 7});
+    CHECK_FALSE(file.space.has_value());
+  }
+  for (const char* name : {"text.ply", "binary.ply", "text.stl", "binary.stl"}) {
+    CAPTURE(name);
+    const SurfaceFile file = read_surface_file(folder / name);
+    REQUIRE(file.facets.size() == 2);
+    CHECK(file.points[file.facets[0][2]] == Vec3{0, 1.5, 0});
+    CHECK(file.points[file.facets[1][2]] == Vec3{0, 0, 2});
+  }
+}
+
+TEST_CASE("read_tet_file: labels of a Gmsh 4.1 file are the physical groups of its volumes",
+          "[io][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_file(folder / "m.msh",
+             "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$PhysicalNames\n1\n3 70 \"a # b\"\n"
+             "$EndPhysicalNames\n$Entities\n1 0 0 2\n9 0 0 0 0\n1 0 0 0 1 1 1 1 70 0\n"
+             "2 0 0 0 1 1 1 0 1 -3\n$EndEntities\n$Nodes\n1 5 1 9\n3 1 0 5\n1\n2\n3\n4\n9\n"
+             "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\n$EndNodes\n$Elements\n3 3 1 3\n2 4 2 1\n1 1 2 3\n"
+             "3 1 4 1\n2 1 2 3 4\n3 2 4 1\n3 2 3 4 9\n$EndElements\n");
+  const TetFile file = read_tet_file(folder / "m.msh");
+  CHECK(file.label_of == std::vector<Label>{70, 2});  // the second volume is in no group
+  CHECK(file.tets == std::vector<std::array<std::int32_t, 4>>{{0, 1, 2, 3}, {1, 2, 3, 4}});
+  CHECK(file.other_elements == 1);
+  CHECK(file.label_source == "gmsh:physical");
+}
+
+TEST_CASE("read_tet_file: the array labels goes before the others, whatever its type",
+          "[io][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_file(folder / "m.vtu", kVtu);
+  CHECK(read_tet_file(folder / "m.vtu").label_of == std::vector<Label>{5});
+  write_file(folder / "m.vtu", replaced(kVtu, "\"labels\"", "\"density\""));
+  CHECK(read_tet_file(folder / "m.vtu").label_of == std::vector<Label>{6});
+  CHECK(read_tet_file(folder / "m.vtu").label_source == "ref");
+  CHECK_THAT(
+      refusal_of_tets("m.vtu", replaced(replaced(kVtu, "\"labels\"", "\"a\""), "\"ref\"", "\"b\"")),
+      Contains("no cell array of labels") && Contains("b, a"));
+  CHECK_THAT(refusal_of_tets("m.vtu", replaced(kVtu, ">5<", ">5.5<")), Contains("5.5"));
+}
+
+TEST_CASE("read_tet_file: damaged Medit files are refused with line and value", "[io][unit]") {
+  const auto refused = [](const std::string& from, const std::string& to) {
+    return refusal_of_tets("m.mesh", replaced(kMedit, from, to));
+  };
+  CHECK(refusal_of_tets("m.mesh", kMedit) == "accepted");
+  CHECK_THAT(refused("Dimension 3", "Dimension 2"), Contains("line 2") && Contains("(2)"));
+  CHECK_THAT(refused("1 0 0 0", "1 zero 0 0"), Contains("line 6") && Contains("'zero'"));
+  CHECK_THAT(refused("Vertices\n4", "Vertices\n2000000000"), Contains("line 4"));
+  CHECK_THAT(refused("Vertices\n4", "Vertices\n-1"), Contains("(-1)"));
+  CHECK_THAT(refused("1 2 3 4 5", "1 2 3 9 5"), Contains("vertex 8") && Contains("4 points"));
+  CHECK_THAT(refused("1 2 3 4 5", "0 2 3 4 5"), Contains("(0)"));
+  CHECK_THAT(refused("1 2 3 4 5", "1 2 3 4 5000000000"), Contains("5000000000"));
+  CHECK_THAT(refused("1 0 0 0", "inf 0 0 0"), Contains("point 1 is not finite"));
+  CHECK_THAT(refused("Tetrahedra", "Tetrahedrons"), Contains("'Tetrahedrons' is not known"));
+  CHECK_THAT(refused("1 2 3 4 5\nEnd\n", "1 2 3"), Contains("the end of the file"));
+  CHECK_THAT(refused("Tetrahedra\n1\n1 2 3 4 5\n", ""), Contains("no tetrahedra"));
+  CHECK_THAT(refusal_of_tets("m.mesh", ""), Contains("MeshVersionFormatted"));
+}
+
+TEST_CASE("read_tet_file: damaged VTU files are refused with array and value", "[io][unit]") {
+  const auto refused = [](const std::string& from, const std::string& to) {
+    return refusal_of_tets("m.vtu", replaced(kVtu, from, to));
+  };
+  CHECK_THAT(refused("NumberOfPoints=\"4\"", "NumberOfPoints=\"2000000000\""),
+             Contains("fewer than 6000000000 values"));
+  CHECK_THAT(refused("NumberOfCells=\"1\"", "NumberOfCells=\"x\""),
+             Contains("NumberOfCells ('x')"));
+  CHECK_THAT(refused(">4<", ">400000000000<"), Contains("400000000000"));
+  CHECK_THAT(refused(">4<", ">-4<"), Contains("(-4)"));
+  CHECK_THAT(refused(">4<", ">3<"), Contains("3 nodes"));
+  CHECK_THAT(refused("0 1 2 3<", "0 1 2 7<"), Contains("the point 7"));
+  CHECK_THAT(refused("\"UnstructuredGrid\"", "\"PolyData\""), Contains("type UnstructuredGrid"));
+  CHECK_THAT(refused("LittleEndian", "BigEndian"), Contains("BigEndian"));
+  CHECK_THAT(refused("</Cells>", "</Points>"), Contains("does not close"));
+  CHECK_THAT(refused("type=\"UInt8\"", "type=\"Bit\""), Contains("'Bit'"));
+  CHECK_THAT(refused("<DataArray type=\"UInt8\" Name=\"types\" format=\"ascii\">10<",
+                     "<DataArray type=\"UInt8\" Name=\"types\" format=\"binary\">!!!!<"),
+             Contains("'types'"));
+  CHECK_THAT(refused("<DataArray type=\"UInt8\" Name=\"types\" format=\"ascii\">10<",
+                     "<DataArray type=\"UInt8\" Name=\"types\" format=\"binary\">/////w==<"),
+             Contains("4294967295 bytes instead of 1"));
+}
+
+TEST_CASE("read_tet_file: a cut or changed file never does worse than a refusal", "[io][unit]") {
+  // Every tenth length, and every byte of the text part set to others, of a binary and a text file.
+  const TetMesh mesh = simple_meshes::two_material_cube();
+  LabelVolume labels;
+  labels.label_of = {0, 1, 2};
+  labels.name_of = {"", "a", "b"};
+  const test_data::TemporaryFolder folder;
+  write_vtu(folder / "m.vtu", mesh, labels, {}, Space::Ras);
+  write_medit(folder / "m.mesh", mesh, labels, {}, Space::Ras);
+  std::size_t refused = 0, tried = 0;
+  for (const char* name : {"m.vtu", "m.mesh"}) {
+    const std::string whole = content_of(folder / name);
+    const auto attempt = [&](const std::string& content) {
+      write_file(folder / name, content);
+      ++tried;
+      refused += refusal([&] { read_tet_file(folder / name); }) != "accepted" ? 1 : 0;
+    };
+    for (std::size_t length = 0; length + 10 < whole.size(); length += 10)
+      attempt(whole.substr(0, length));
+    for (std::size_t at = 0; at < whole.size(); at += 3) {
+      std::string changed = whole;
+      changed[at] = static_cast<char>(changed[at] ^ (1 << at % 8));
+      attempt(changed);
+    }
+  }
+  CHECK(refused > tried / 4);
+}
+
+TEST_CASE("read_surface_file: damaged surfaces are refused with place and value", "[io][unit]") {
+  const auto refused = [](const std::string& name, const std::string& content) {
+    const test_data::TemporaryFolder folder;
+    write_file(folder / name, content);
+    return refusal([&] { read_surface_file(folder / name); });
+  };
+  CHECK(refused("s.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 0.5 0.5 0.5\n") == "accepted");
+  CHECK_THAT(refused("s.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n"), Contains("vertex 3"));
+  CHECK_THAT(refused("s.off", "OFF\n900000000 1 0\n0 0 0\n"), Contains("line 2"));
+  CHECK_THAT(refused("s.off", "OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n"), Contains("no facets"));
+  CHECK_THAT(refused("s.ply",
+                     "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
+                     "element face 1\nproperty list uchar int vertex_indices\n"
+                     "end_header\n0\n3 0 0 5\n"),
+             Contains("vertex 5"));
+  CHECK_THAT(refused("s.ply",
+                     "ply\nformat binary_little_endian 1.0\nelement vertex 2000000000\n"
+                     "property float x\nend_header\n0000"),
+             Contains("ends early"));
+  CHECK_THAT(refused("s.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty word x\n"),
+             Contains("'word'"));
+  CHECK_THAT(refused("s.stl", "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nendloop\n"),
+             Contains("line 5") && Contains("fewer than three"));
+  CHECK_THAT(refused("s.obj", ""), Contains("'.obj'"));
+}
