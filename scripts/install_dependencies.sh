@@ -4,21 +4,25 @@
 # Installs what cvmesh needs from Debian 12's own packages. Safe to run again: when everything is
 # there it only looks and ends at once.
 #
-# usage: install_dependencies.sh [--no-tests] [--rendering]
+# usage: install_dependencies.sh [--no-tests] [--rendering] [--cohort]
 #   --no-tests    leave out what only the tests need
+#   --cohort      also snakemake, for scripts/cohort/Snakefile and its test
 #   --rendering   also what scripts/render_mesh.py needs
 set -eu
 
 build="build-essential cmake ninja-build libboost-dev libcgal-dev libtet1.5-dev
   libinsighttoolkit5-dev libcli11-dev nlohmann-json3-dev libspdlog-dev libfmt-dev libtbb-dev
   libeigen3-dev libnanoflann-dev zlib1g-dev libssl-dev libgmp-dev libmpfr-dev"
-tests="catch2 python3-minimal python3-numpy python3-meshio python3-nibabel python3-jsonschema calculix-ccx"
+tests="catch2 python3-minimal python3-numpy python3-meshio python3-nibabel python3-jsonschema
+  calculix-ccx python3-gmsh python3-getfem++ slurm-wlm munge"
+cohort="snakemake"
 rendering="python3-vtk9 xvfb xauth"
 
 packages="$build $tests"
 for argument in "$@"; do
   case $argument in
     --no-tests) packages=$build ;;
+    --cohort) packages="$packages $cohort" ;;
     --rendering) packages="$packages $rendering" ;;
     *)
       echo "install_dependencies.sh: unknown argument '$argument'" >&2

@@ -4,6 +4,7 @@
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/version.h"
 #include "cvmesh/io/json_io.h"
+#include "cvmesh/io/label_names.h"
 #include "cvmesh/params/parse_parameters.h"
 
 #include <CLI/CLI.hpp>
@@ -54,14 +55,17 @@ std::optional<Space> space_of(const std::string& name) {
 
 const std::map<std::string, MeshFormat>& formats_by_name() {
   static const std::map<std::string, MeshFormat> formats = {
-      {"vtu", MeshFormat::Vtu}, {"mesh", MeshFormat::Mesh}, {"inp", MeshFormat::Inp}};
+      {"vtu", MeshFormat::Vtu}, {"mesh", MeshFormat::Mesh},   {"inp", MeshFormat::Inp},
+      {"msh", MeshFormat::Msh}, {"msh22", MeshFormat::Msh22}, {"feb", MeshFormat::Feb},
+      {"stl", MeshFormat::Stl}, {"ply", MeshFormat::Ply},     {"vtp", MeshFormat::Vtp}};
   return formats;
 }
 
 void add_threads_option(CLI::App& command, CliOptions& options) {
   command
       .add_option("--threads", options.threads,
-                  "Number of threads; default: SLURM_CPUS_PER_TASK or all cores")
+                  "Number of threads; default: SLURM_CPUS_PER_TASK, or all cores that the process "
+                  "and its control group (cpu.max) may use")
       ->check(CLI::Range(1, 4096));
 }
 
@@ -89,36 +93,46 @@ CLI::App* add_metrics_command(CLI::App& app, CliOptions& options, std::string& s
   return metrics;
 }
 
-void add_mesh_command(CLI::App& app, CliOptions& options, std::string& space, std::string& seed) {
+void add_mesh_command(CLI::App& app,
+                      CliOptions& options,
+                      std::string& space,
+                      std::string& seed,
+                      std::vector<std::string>& inputs) {
   CLI::App* mesh = app.add_subcommand("mesh", "Mesh a label volume");
   mesh->footer(kMeshFooter);
-  mesh->add_option("LABELS", options.mesh.input, "Label volume: .nii .nii.gz .mha .mhd .nrrd")
-      ->required();
+  mesh->add_option("LABELS", inputs, "Label volume: .nii .nii.gz .mha .mhd .nrrd")->required();
   mesh->add_option("--params", options.mesh.params_file,
                    "Parameter file (JSON); default: defaults");
+  mesh->add_option("--label-names", options.mesh.label_names_file,
+                   "Names of labels: an ITK-SNAP label description or a 3D Slicer colour table; "
+                   "names in the parameter file win");
+  mesh->add_option("--sample", options.mesh.sample_file,
+                   "An image, such as CT, whose mean and median in each tet are written with the "
+                   "tets; laws of density and modulus are in the parameter file");
   mesh->add_option("--out", options.mesh.out_dir, "Folder of the results, made if needed")
       ->capture_default_str();
   mesh->add_option("--space", space,
                    "Coordinates of the results: the input's own, RAS, LPS, or grid mm")
       ->transform(CLI::IsMember(space_choices(), CLI::ignore_case))
       ->default_str("input");
-  CLI::Option* formats =
-      mesh->add_option("--formats", options.mesh.formats,
-                       "Files of the tets, as in vtu,inp: vtu (VTK), mesh (Medit), inp (Abaqus and "
-                       "CalculiX)")
-          ->delimiter(',')
-          ->allow_extra_args(false)
-          ->transform(CLI::IsMember(formats_by_name(), CLI::ignore_case))
-          ->default_str("vtu,mesh");
+  mesh->add_option("--formats", options.mesh.formats,
+                   "Files to write, as in vtu,inp. Tets: vtu (VTK), mesh (Medit), inp (Abaqus and "
+                   "CalculiX), msh and msh22 (Gmsh 4.1 and 2.2), feb (FEBio). A surface per label "
+                   "and per interface: stl, ply, vtp")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->transform(CLI::IsMember(formats_by_name(), CLI::ignore_case))
+      ->default_str("vtu,mesh");
   mesh->add_option("--set", options.mesh.settings,
                    "key=value, over the parameter file; labels.2.epsilon=0.5 for one label")
       ->allow_extra_args(false);
   mesh->add_option("--seed", seed, "Short for --set seed=N");
   add_threads_option(*mesh, options);
+  mesh->add_flag("--resume", options.mesh.resume,
+                 "End at once where OUT has the results of the same input and parameters");
   mesh->add_flag("--keep-stages", options.mesh.keep_stages,
                  "Write each stage's result to OUT/stages");
-  mesh->add_flag("--surface-only", options.mesh.surface_only, "Stop before the tets")
-      ->excludes(formats);
+  mesh->add_flag("--surface-only", options.mesh.surface_only, "Stop before the tets");
   CLI::Option* quiet = mesh->add_flag("-q,--quiet", options.is_quiet, "Warnings and errors only");
   mesh->add_flag("-v,--verbose", options.is_verbose, "Say more")->excludes(quiet);
 }
@@ -134,7 +148,8 @@ CliOutcome parse_command_line(int argc, char** argv) {
   app.require_subcommand(1);
 
   std::string space, seed, metrics_space;
-  add_mesh_command(app, options, space, seed);
+  std::vector<std::string> inputs;
+  add_mesh_command(app, options, space, seed, inputs);
   CLI::App* metrics = add_metrics_command(app, options, metrics_space);
   CLI::App* schema = app.add_subcommand("schema", "Print the JSON schema of the parameter file");
   schema->add_flag("--metrics", options.schema_of_metrics, "That of the report, NAME.metrics.json");
@@ -149,8 +164,16 @@ CliOutcome parse_command_line(int argc, char** argv) {
   if (*metrics) options.command = Command::Metrics;
   if (*schema) options.command = Command::Schema;
   if (*defaults) options.command = Command::Defaults;
+  if (inputs.size() > 1)
+    throw Error(ErrorCode::BadParameter, "command line",
+                "cvmesh mesh takes one volume, and there are " + std::to_string(inputs.size()) +
+                    " (" + inputs[0] + ", " + inputs[1] + (inputs.size() > 2 ? ", ..." : "") +
+                    "); run it once per subject, as scripts/cohort/slurm_cohort.sh (SLURM) and "
+                    "scripts/cohort/Snakefile do");
+  if (!inputs.empty()) options.mesh.input = inputs.front();
   options.mesh.space = space_of(space);
   options.metrics.space = space_of(metrics_space);
+  options.mesh.formats_given = app.get_subcommand("mesh")->count("--formats") > 0;
   if (!seed.empty()) options.mesh.settings.push_back("seed=" + seed);
   return outcome;
 }
@@ -162,12 +185,22 @@ RunRequest make_request(const MeshCommand& command) {
   request.input = command.input;
   request.out_dir = command.out_dir;
   request.parameters = parse_parameters(file, "'" + command.params_file + "'", command.settings);
+  if (!command.label_names_file.empty())
+    request.label_names = read_label_names(command.label_names_file);
+  request.sample = command.sample_file;
   request.space = command.space;
   request.keep_stages = command.keep_stages;
   request.surface_only = command.surface_only;
   request.formats.clear();
-  for (const std::string& name : command.formats)
-    request.formats.insert(formats_by_name().at(name));
+  for (const std::string& name : command.formats) {
+    const MeshFormat format = formats_by_name().at(name);
+    if (command.surface_only && command.formats_given && !is_surface_format(format))
+      throw Error(ErrorCode::BadParameter, "command line",
+                  "--formats " + name +
+                      " is a file of tets, which --surface-only does not make; "
+                      "leave one of the two out, or ask for stl, ply or vtp");
+    request.formats.insert(format);
+  }
   return request;
 }
 

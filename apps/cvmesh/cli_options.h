@@ -13,11 +13,12 @@ namespace cvmesh::app {
 enum class Command { Mesh, Metrics, Schema, Defaults };
 
 struct MeshCommand {
-  std::string input, params_file, out_dir = ".";
+  std::string input, params_file, label_names_file, sample_file, out_dir = ".";
   std::optional<Space> space;         ///< empty: the input's own
   std::vector<std::string> settings;  ///< "key=value", `--seed N` among them
   std::vector<std::string> formats = {"vtu", "mesh"};
-  bool keep_stages = false, surface_only = false;
+  bool formats_given = false;  ///< and not those of the default
+  bool keep_stages = false, surface_only = false, resume = false;
 };
 
 struct CliOptions {

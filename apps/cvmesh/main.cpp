@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/cpu_limit.h"
 #include "cvmesh/core/error.h"
 #include "cvmesh/params/parameters_schema.h"
 #include "cvmesh/params/parse_parameters.h"
 #include "cvmesh/pipeline/pipeline.h"
+#include "cvmesh/pipeline/run_key.h"
 #include "cvmesh/report/metrics_schema.h"
 
 #include <nlohmann/json.hpp>
@@ -39,12 +41,14 @@ void on_signal(int signal) {
 }
 
 /// Threads of this run: as asked for, else as the Slurm task was given, else all cores that the
-/// process may use.
+/// process and its control group may use.
 std::size_t thread_count(int asked) {
   if (asked > 0) return static_cast<std::size_t>(asked);
   const char* slurm = std::getenv("SLURM_CPUS_PER_TASK");     // NOLINT(concurrency-mt-unsafe)
   const int given = slurm != nullptr ? std::atoi(slurm) : 0;  // NOLINT(cert-err34-c): 0 is fine
-  return static_cast<std::size_t>(given > 0 ? given : tbb::info::default_concurrency());
+  if (given > 0) return static_cast<std::size_t>(given);
+  const int cores = tbb::info::default_concurrency(), limit = cgroup_cpu_limit();
+  return static_cast<std::size_t>(limit > 0 ? std::min(cores, limit) : cores);
 }
 
 void print(const nlohmann::ordered_json& json) {
@@ -55,6 +59,11 @@ void print(const nlohmann::ordered_json& json) {
 int run_mesh(const app::CliOptions& options) {
   const bool has_bar = !options.is_quiet && !options.is_verbose && app::is_terminal();
   const RunRequest request = app::make_request(options.mesh);
+  if (options.mesh.resume && is_finished(request)) {
+    if (!options.is_quiet)
+      std::cerr << "cvmesh: " << options.mesh.input << " is done already, with these parameters\n";
+    return 0;
+  }
   const tbb::global_control threads(tbb::global_control::max_allowed_parallelism,
                                     thread_count(options.threads));
   app::ProgressBar bar;

@@ -294,7 +294,7 @@ TEST_CASE("cvmesh mesh: --formats chooses the files of the tets", "[cli]") {
       if (fs::exists(folder / (std::string("out/a") + suffix))) suffixes.emplace_back(suffix);
     return suffixes;
   };
-  for (const char* names : {"stl", "vtu,stl", ""}) {
+  for (const char* names : {"obj", "vtu,obj", ""}) {
     const Outcome unknown = mesh({"--formats", names});
     INFO(unknown.err);
     CHECK(unknown.exit_code == 2);

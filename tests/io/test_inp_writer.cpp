@@ -2,8 +2,10 @@
 #include "cvmesh/core/error.h"
 #include "cvmesh/io/inp_writer.h"
 #include "cvmesh/io/output_tables.h"
+#include "cvmesh/io/set_names.h"
 
 #include "io/image_files.h"
+#include "io/writer_meshes.h"
 #include "metrics/simple_meshes.h"
 #include "support/catch.h"
 #include "support/test_data.h"
@@ -15,55 +17,9 @@
 
 using namespace cvmesh;
 using namespace cvmesh::image_files;
+using namespace cvmesh::writer_meshes;
 
 namespace {
-
-constexpr std::array<std::array<std::size_t, 2>, 6> kEdges = {
-    {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}}};
-
-/// The cube of two materials, inconvenient in its numbers; its side at x = 0 is a box face.
-TetMesh cube(bool is_second_order) {
-  TetMesh mesh = simple_meshes::two_material_cube();
-  for (std::size_t i = 0; i < mesh.surface.facets.size(); ++i) {
-    const auto& facet = mesh.surface.facets[i];
-    const bool is_wall = std::all_of(facet.begin(), facet.end(), [&](std::int32_t v) {
-      return mesh.points[static_cast<std::size_t>(v)].x == 0;
-    });
-    if (is_wall) mesh.surface.patch_of[i].wall = 1;
-  }
-  for (Vec3& p : mesh.points)
-    p = Vec3{1.0 / 3, 0.7, 1e-7} + Vec3{p.x * 0.1, p.y + 0.01 * p.x, p.z * 12.3456789};
-  mesh.surface.points = mesh.points;
-  if (!is_second_order) return mesh;
-  std::map<std::pair<std::int32_t, std::int32_t>, std::int32_t> mid_on;
-  for (const auto& tet : mesh.tets) {
-    auto& mids = mesh.mid_of.emplace_back();
-    for (std::size_t e = 0; e < kEdges.size(); ++e) {
-      const std::int32_t a = tet[kEdges[e][0]], b = tet[kEdges[e][1]];
-      const auto [entry, is_new] =
-          mid_on.try_emplace(std::minmax(a, b), static_cast<std::int32_t>(mesh.mid_points.size()));
-      if (is_new)
-        mesh.mid_points.push_back(0.5 * (mesh.points[static_cast<std::size_t>(a)] +
-                                         mesh.points[static_cast<std::size_t>(b)]));
-      mids[e] = entry->second;
-    }
-  }
-  return mesh;
-}
-
-LabelVolume named(const std::string& first, const std::string& second) {
-  LabelVolume labels;
-  labels.label_of = {0, -7, 300};
-  labels.name_of = {"exterior", first, second};
-  return labels;
-}
-
-Affine oblique(bool is_mirrored) {
-  Affine map;
-  map.rows = {Vec3{0.8, -0.6, 0}, Vec3{0.6, 0.8, 0}, Vec3{0, 0, is_mirrored ? -1.0 : 1.0}};
-  map.offset = {10.125, -20, 1e3 / 7};
-  return map;
-}
 
 /// Nodes on the outside of the cube move by a linear function of where they are; those inside (the
 /// mid node of its diagonal) have to follow, and the volume is known. Arguments: the folder of
@@ -330,13 +286,13 @@ TEST_CASE("write_inp: set names are legal and unique whatever the labels are cal
     }
   }
   using Names = std::vector<std::string>;
-  CHECK(inp_set_names(named(hostile, "bone")) == Names{"EXTERIOR", "A_B_SCRIPT_NODE", "BONE"});
-  CHECK(inp_set_names(named("Bone", "bone")) == Names{"EXTERIOR", "BONE_M7", "BONE_300"});
-  CHECK(inp_set_names(named("", "Exterior")) == Names{"EXTERIOR", "LABEL_M7", "EXTERIOR_300"});
+  CHECK(plain_label_names(named(hostile, "bone")) == Names{"EXTERIOR", "A_B_SCRIPT_NODE", "BONE"});
+  CHECK(plain_label_names(named("Bone", "bone")) == Names{"EXTERIOR", "BONE_M7", "BONE_300"});
+  CHECK(plain_label_names(named("", "Exterior")) == Names{"EXTERIOR", "LABEL_M7", "EXTERIOR_300"});
   LabelVolume three = named("bone", "bone");
   three.label_of.push_back(301);
   three.name_of.emplace_back("bone 300");
-  CHECK(inp_set_names(three) == Names{"EXTERIOR", "BONE_M7", "BONE_300_300", "BONE_300_301"});
+  CHECK(plain_label_names(three) == Names{"EXTERIOR", "BONE_M7", "BONE_300_300", "BONE_300_301"});
 }
 
 TEST_CASE("write_inp: interfaces whose names run into each other are told apart", "[io][unit]") {

@@ -35,6 +35,35 @@ void subdivide(std::vector<Vec3>& points, std::vector<Triangle>& facets) {
   facets = std::move(result);
 }
 
+/// The faces between tets of different materials, and the outside.
+void find_surface(TetMesh& mesh) {
+  constexpr std::array<Triangle, 4> kFaces{{{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}}};
+  std::map<Triangle, std::pair<Triangle, MaterialId>> open;
+  mesh.surface.points = mesh.points;
+  const auto add = [&](const Triangle& t, Sides sides) {
+    mesh.surface.facets.push_back(t);
+    mesh.surface.patch_of.push_back({sides, 0});
+  };
+  for (std::size_t t = 0; t < mesh.tets.size(); ++t) {
+    for (const Triangle& face : kFaces) {
+      const Triangle outward{mesh.tets[t][face[0]], mesh.tets[t][face[1]], mesh.tets[t][face[2]]};
+      Triangle key = outward;
+      std::sort(key.begin(), key.end());
+      const auto found = open.find(key);
+      if (found == open.end()) {
+        open[key] = {outward, mesh.material_of[t]};
+        continue;
+      }
+      const auto [other, material] = found->second;
+      if (material < mesh.material_of[t]) add(outward, {mesh.material_of[t], material});
+      if (material > mesh.material_of[t]) add(other, {material, mesh.material_of[t]});
+      open.erase(found);
+    }
+  }
+  for (const auto& [key, face] : open)
+    add(face.first, {face.second, kExterior});
+}
+
 }  // namespace
 
 InterfaceMesh square(double side, double z) {
@@ -72,31 +101,39 @@ TetMesh two_material_cube() {
   mesh.tets = {{0, 1, 3, 7}, {0, 5, 1, 7}, {0, 3, 2, 7}, {0, 2, 6, 7}, {0, 4, 5, 7}, {0, 6, 4, 7}};
   // y steps before x: the tets through corner 2, and that through 4 and 6.
   mesh.material_of = {2, 2, 1, 1, 2, 1};
-  constexpr std::array<Triangle, 4> kFaces{{{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}}};
-  std::map<Triangle, std::pair<Triangle, MaterialId>> open;
-  mesh.surface.points = mesh.points;
-  const auto add = [&](const Triangle& t, Sides sides) {
-    mesh.surface.facets.push_back(t);
-    mesh.surface.patch_of.push_back({sides, 0});
+  find_surface(mesh);
+  return mesh;
+}
+
+TetMesh lattice_box(int n, const std::function<MaterialId(const Vec3&)>& material_at) {
+  constexpr int kWays[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
+  TetMesh mesh;
+  const auto number = [n](const std::array<int, 3>& p) {
+    return (p[2] * (n + 1) + p[1]) * (n + 1) + p[0];
   };
-  for (std::size_t t = 0; t < mesh.tets.size(); ++t) {
-    for (const Triangle& face : kFaces) {
-      const Triangle outward{mesh.tets[t][face[0]], mesh.tets[t][face[1]], mesh.tets[t][face[2]]};
-      Triangle key = outward;
-      std::sort(key.begin(), key.end());
-      const auto found = open.find(key);
-      if (found == open.end()) {
-        open[key] = {outward, mesh.material_of[t]};
-        continue;
-      }
-      const auto [other, material] = found->second;
-      if (material < mesh.material_of[t]) add(outward, {mesh.material_of[t], material});
-      if (material > mesh.material_of[t]) add(other, {material, mesh.material_of[t]});
-      open.erase(found);
-    }
-  }
-  for (const auto& [key, face] : open)
-    add(face.first, {face.second, kExterior});
+  for (int k = 0; k <= n; ++k)
+    for (int j = 0; j <= n; ++j)
+      for (int i = 0; i <= n; ++i)
+        mesh.points.push_back(Vec3{1.0 * i, 1.0 * j, 1.0 * k});
+  for (int k = 0; k < n; ++k)
+    for (int j = 0; j < n; ++j)
+      for (int i = 0; i < n; ++i)
+        for (const auto& way : kWays) {
+          // From one end of the cube's diagonal to the other, along its edges.
+          std::array<int, 3> p = {i, j, k};
+          std::array<std::int32_t, 4> tet = {number(p), 0, 0, 0};
+          for (std::size_t step = 0; step < 3; ++step) {
+            ++p[static_cast<std::size_t>(way[step])];
+            tet[step + 1] = number(p);
+          }
+          const auto at = [&](std::size_t c) {
+            return mesh.points[static_cast<std::size_t>(tet[c])];
+          };
+          if (volume6(at(0), at(1), at(2), at(3)) < 0) std::swap(tet[2], tet[3]);
+          mesh.tets.push_back(tet);
+          mesh.material_of.push_back(material_at({i + 0.5, j + 0.5, k + 0.5}));
+        }
+  find_surface(mesh);
   return mesh;
 }
 

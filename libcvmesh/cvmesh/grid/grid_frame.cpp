@@ -36,6 +36,20 @@ const char* space_name(Space space) {
   return "unknown";
 }
 
+Affine inverse(const Affine& map) {
+  // The columns of the inverse are the cross products of the rows over the determinant.
+  const std::array<Vec3, 3>& rows = map.rows;
+  const std::array<Vec3, 3> columns = {cross(rows[1], rows[2]) / map.determinant(),
+                                       cross(rows[2], rows[0]) / map.determinant(),
+                                       cross(rows[0], rows[1]) / map.determinant()};
+  Affine result;
+  for (int axis = 0; axis < 3; ++axis)
+    result.rows[static_cast<std::size_t>(axis)] = {columns[0][axis], columns[1][axis],
+                                                   columns[2][axis]};
+  result.offset = -result.linear(map.offset);
+  return result;
+}
+
 GridFrame cropped(const GridFrame& frame,
                   const std::array<int, 3>& first,
                   const std::array<int, 3>& dims) {

@@ -32,6 +32,9 @@ struct Affine {
   friend bool operator==(const Affine&, const Affine&) = default;
 };
 
+/// The map that undoes an affine map, whose determinant is not 0.
+Affine inverse(const Affine& map);
+
 /// Size and place of a voxel grid. Values sit at voxel centres, x fastest.
 ///
 /// Three coordinate systems: *index* (voxel centres at integers), *grid millimetres* (index times

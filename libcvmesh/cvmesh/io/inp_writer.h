@@ -6,32 +6,23 @@
 #include "cvmesh/mesh/tet_mesh.h"
 
 #include <filesystem>
-#include <string>
-#include <vector>
 
 namespace cvmesh {
 
 /// How every file of `write_inp` begins.
 inline constexpr char kInpFirstLine[] = "** cvmesh: mesh for Abaqus and CalculiX";
 
-/// Names for the sets of an input deck, as Abaqus and CalculiX take them: upper-case letters,
-/// digits and single underscores, at most 28 characters, so that a set of two of them stays within
-/// 64.
-///
-/// @return  per material id, all different: EXTERIOR for the exterior, else the label's name with
-///          anything else replaced by an underscore, LABEL without a name. Where names collide, or
-///          one has no legal character, the label's value follows (M for a minus).
-std::vector<std::string> inp_set_names(const LabelVolume& labels);
-
 /// Writes the tets as the mesh part of an Abaqus or CalculiX input deck, for the job's own deck to
-/// *INCLUDE: no materials, no loads.
+/// *INCLUDE: no loads, and no materials but those of the mesh's bins.
 ///
 /// Numbers count from 1. Nodes are the mesh's points, then the mid nodes of a mesh of second order;
 /// elements (C3D4, or C3D10) are its tets in their order, one block and ELSET `E_name` per label.
 /// Each interface has its nodes as NSET `N_inside_outside` and, as SURFACE `S_inside_outside`, the
-/// element faces on its inside; a box face is told by an end such as `_XMIN`. Comment lines at the
-/// top say what is which. A mirroring map swaps two vertices of every tet, and its mid nodes with
-/// them, so that volumes stay positive.
+/// element faces on its inside; a box face is told by an end such as `_XMIN`. The two sides of a
+/// contact are two of them, A_B and B_A, whose node sets list the node pairs in one order. Elastic
+/// bins are ELSETs `B_001` with a *MATERIAL `M_B_001` and a *SOLID SECTION each. Comment lines at
+/// the top say what is which. A mirroring map swaps two vertices of every tet, and its mid nodes
+/// with them, so that volumes stay positive.
 ///
 /// Coordinates read back as the same double where 20 characters do for that: CalculiX reads no
 /// more. Else they are rounded to the digits that fit, at least 13.

@@ -235,13 +235,11 @@ double millimetres_per_unit(const Fields& f, std::vector<std::string>& warnings)
   return spatial == 1 ? kMillimetresPerMetre : kMillimetresPerMicron;
 }
 
-void check_scaling(const std::filesystem::path& path, const Fields& f) {
+void read_scaling(const Fields& f, VolumeHeader& header) {
   // The standard: a slope of 0 (or, by all readers, NaN) means that there is no scaling.
   if (f.slope == 0 || !std::isfinite(f.slope)) return;
-  if (f.slope == 1 && f.intercept == 0) return;
-  refuse_file(path, "scales its voxels (scl_slope " + number_text(f.slope) + ", scl_inter " +
-                        number_text(f.intercept) +
-                        "), which labels never need; save it with slope 1 and intercept 0");
+  header.slope = f.slope;
+  header.intercept = f.intercept;
 }
 
 }  // namespace
@@ -262,7 +260,7 @@ VolumeHeader parse_nifti_header(const std::filesystem::path& path) {
   const auto dims = checked_dims(path, {f.dim.begin() + 1, f.dim.begin() + 1 + f.dim[0]});
   header.type = voxel_type(path, f.datatype);
   header.is_swapped = f.is_swapped;
-  check_scaling(path, f);
+  read_scaling(f, header);
 
   // Writers that leave the offset at 0 mean the first place where voxels may be.
   const double earliest = f.is_version_2 ? 544 : 352;

@@ -66,6 +66,13 @@ void append_number(std::string& text, std::int64_t value) {
   text.append(digits, result.ptr);
 }
 
+void append_point(std::string& text, const Vec3& p, char separator) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (axis > 0) text += separator;
+    append_number(text, p[axis]);
+  }
+}
+
 std::string one_line(const std::string& name) {
   std::string text = name;
   for (char& c : text)

@@ -72,6 +72,8 @@ class Placement {
 /// Appends the shortest decimal text that reads back as the same number.
 void append_number(std::string& text, double value);
 void append_number(std::string& text, std::int64_t value);
+/// The three coordinates in that form, between them `separator`.
+void append_point(std::string& text, const Vec3& p, char separator);
 
 /// `name` on one line: control characters become blanks.
 std::string one_line(const std::string& name);

@@ -44,7 +44,14 @@ void write_vtu(const std::filesystem::path& path,
                   std::to_string(count) + "\"");
   xml.begin_section("CellData", " Scalars=\"labels\"");
   xml.add_int32("labels", count, [&](std::size_t i) { return label_of[mesh.material_of[i]]; });
+  for (const TetArray& array : mesh.arrays)
+    xml.add_values(array.name, std::span<const double>(array.values));
   xml.end_section();
+  if (!mesh.original_of.empty()) {
+    xml.begin_section("PointData");
+    xml.add_values("original_point", std::span<const std::int32_t>(mesh.original_of));
+    xml.end_section();
+  }
   xml.add_points(points, place);
   xml.begin_section("Cells");
   const std::size_t nodes = is_quadratic ? 10 : 4;

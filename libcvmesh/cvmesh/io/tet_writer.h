@@ -14,6 +14,8 @@ namespace cvmesh {
 /// Cell array `labels` (Int32, the scalars) holds the user's label of each tet. Field data: `SPACE`
 /// (string), `label_values`, `label_names`, `exterior_label`. A mirroring map swaps two vertices
 /// of every tet, so that volumes stay positive. Tets of second order become quadratic tetrahedra.
+/// Values sampled onto the tets are further cell arrays (Float64). Where contacts were cut open,
+/// the point array `original_point` gives each copy the index of the point that it copies.
 ///
 /// @param mm_to_out  grid millimetres -> file coordinates
 /// @param space      what those coordinates are

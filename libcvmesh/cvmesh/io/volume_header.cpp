@@ -72,6 +72,56 @@ void convert(const std::filesystem::path& path,
   }
 }
 
+template <typename T>
+void convert(const std::filesystem::path& path,
+             const VolumeHeader& header,
+             const unsigned char* data,
+             std::size_t first,
+             std::size_t count,
+             float* values) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto stored = static_cast<double>(load<T>(data + i * sizeof(T), header.is_swapped));
+    values[i] = static_cast<float>(header.slope * stored + header.intercept);
+    if (!std::isfinite(values[i]))
+      refuse_file(path, "has the value " + number_text(stored) + " at " +
+                            voxel_name(header.frame, first + i) +
+                            ", which is no finite number; replace it");
+  }
+}
+
+/// Calls `convert` for the type of the file's voxels.
+template <typename Value>
+void convert_any(const std::filesystem::path& path,
+                 const VolumeHeader& header,
+                 const unsigned char* data,
+                 std::size_t first,
+                 std::size_t count,
+                 Value* values) {
+  const auto run = [&]<typename T>(T) { convert<T>(path, header, data, first, count, values); };
+  switch (header.type) {
+    case VoxelType::UInt8:
+      return run(std::uint8_t{});
+    case VoxelType::Int8:
+      return run(std::int8_t{});
+    case VoxelType::UInt16:
+      return run(std::uint16_t{});
+    case VoxelType::Int16:
+      return run(std::int16_t{});
+    case VoxelType::UInt32:
+      return run(std::uint32_t{});
+    case VoxelType::Int32:
+      return run(std::int32_t{});
+    case VoxelType::UInt64:
+      return run(std::uint64_t{});
+    case VoxelType::Int64:
+      return run(std::int64_t{});
+    case VoxelType::Float32:
+      return run(float{});
+    case VoxelType::Float64:
+      return run(double{});
+  }
+}
+
 }  // namespace
 
 std::size_t voxel_bytes(VoxelType type) {
@@ -174,29 +224,16 @@ void convert_voxels(const std::filesystem::path& path,
                     std::size_t first,
                     std::size_t count,
                     Label* labels) {
-  const auto run = [&]<typename T>(T) { convert<T>(path, header, data, first, count, labels); };
-  switch (header.type) {
-    case VoxelType::UInt8:
-      return run(std::uint8_t{});
-    case VoxelType::Int8:
-      return run(std::int8_t{});
-    case VoxelType::UInt16:
-      return run(std::uint16_t{});
-    case VoxelType::Int16:
-      return run(std::int16_t{});
-    case VoxelType::UInt32:
-      return run(std::uint32_t{});
-    case VoxelType::Int32:
-      return run(std::int32_t{});
-    case VoxelType::UInt64:
-      return run(std::uint64_t{});
-    case VoxelType::Int64:
-      return run(std::int64_t{});
-    case VoxelType::Float32:
-      return run(float{});
-    case VoxelType::Float64:
-      return run(double{});
-  }
+  convert_any(path, header, data, first, count, labels);
+}
+
+void convert_voxels(const std::filesystem::path& path,
+                    const VolumeHeader& header,
+                    const unsigned char* data,
+                    std::size_t first,
+                    std::size_t count,
+                    float* values) {
+  convert_any(path, header, data, first, count, values);
 }
 
 std::string_view trimmed(std::string_view text) {

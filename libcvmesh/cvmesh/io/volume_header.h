@@ -39,6 +39,7 @@ struct VolumeHeader {
   std::uint64_t data_begin = 0;           ///< first byte of the voxels as stored
   std::uint64_t data_count = UINT64_MAX;  ///< bytes as stored, where the header tells
   Storage storage = Storage::Raw;
+  double slope = 1, intercept = 0;  ///< value = slope * stored + intercept
   std::vector<std::string> warnings;
 
   [[nodiscard]] std::uint64_t voxel_data_bytes() const {
@@ -76,6 +77,14 @@ void convert_voxels(const std::filesystem::path& path,
                     std::size_t first,
                     std::size_t count,
                     Label* labels);
+/// The same for the values of any image, scaled as the header says.
+/// @throws Error BadInput for values that are not finite
+void convert_voxels(const std::filesystem::path& path,
+                    const VolumeHeader& header,
+                    const unsigned char* data,
+                    std::size_t first,
+                    std::size_t count,
+                    float* values);
 
 /// Text helpers of the two text headers.
 std::string_view trimmed(std::string_view text);

@@ -80,7 +80,8 @@ void for_each_block(ByteSource& source, const VolumeHeader& header, const Use& u
   source.finish(kMostSurplus);
 }
 
-InputVolume read_nifti(const std::filesystem::path& path, const VolumeHeader& header) {
+template <typename Value>
+Grid<Value> read_nifti(const std::filesystem::path& path, const VolumeHeader& header) {
   // Compressed data is one stream, header included; the header is read over.
   const bool is_packed = header.storage != Storage::Raw;
   ByteSource source(path, header.storage, is_packed ? 0 : header.data_begin);
@@ -92,7 +93,7 @@ InputVolume read_nifti(const std::filesystem::path& path, const VolumeHeader& he
       refuse_truncated(path, header.voxel_data_bytes(), 0);
     left -= part;
   }
-  InputVolume volume(header.frame);
+  Grid<Value> volume(header.frame);
   for_each_block(
       source, header, [&](const unsigned char* bytes, std::size_t first, std::size_t count) {
         detail::convert_voxels(path, header, bytes, first, count, volume.values.data() + first);
@@ -100,7 +101,8 @@ InputVolume read_nifti(const std::filesystem::path& path, const VolumeHeader& he
   return volume;
 }
 
-InputVolume read_by_itk(const std::filesystem::path& path,
+template <typename Value>
+Grid<Value> read_by_itk(const std::filesystem::path& path,
                         const VolumeHeader& header,
                         detail::ItkFormat format) {
   {
@@ -112,10 +114,31 @@ InputVolume read_by_itk(const std::filesystem::path& path,
   const std::vector<unsigned char> voxels = detail::read_voxels_by_itk(path, header, format);
   VolumeHeader native = header;
   native.is_swapped = false;
-  InputVolume volume(header.frame);
+  Grid<Value> volume(header.frame);
   detail::convert_voxels(path, native, voxels.data(), 0, volume.values.size(),
                          volume.values.data());
   return volume;
+}
+
+template <typename Value>
+Grid<Value> read_volume(const std::filesystem::path& path,
+                        const VolumeHeader& header,
+                        Format format) {
+  try {
+    switch (format) {
+      case Format::Nifti:
+        return read_nifti<Value>(path, header);
+      case Format::Meta:
+        return read_by_itk<Value>(path, header, detail::ItkFormat::Meta);
+      case Format::Nrrd:
+        break;
+    }
+    return read_by_itk<Value>(path, header, detail::ItkFormat::Nrrd);
+  } catch (const std::bad_alloc&) {
+    throw Error(ErrorCode::Limit, "read",
+                "'" + path.string() + "' has " + std::to_string(header.frame.size()) +
+                    " voxels, for which there is not enough memory; crop or resample it");
+  }
 }
 
 }  // namespace
@@ -124,22 +147,26 @@ InputVolume read_label_volume(const std::filesystem::path& path,
                               std::vector<std::string>* warnings) {
   const Format format = format_of(path);
   const VolumeHeader header = parse_header(path, format);
+  if (header.slope != 1 || header.intercept != 0)
+    refuse_file(path, "scales its voxels (scl_slope " + detail::number_text(header.slope) +
+                          ", scl_inter " + detail::number_text(header.intercept) +
+                          "), which labels never need; save it with slope 1 and intercept 0");
   if (warnings) warnings->insert(warnings->end(), header.warnings.begin(), header.warnings.end());
-  try {
-    switch (format) {
-      case Format::Nifti:
-        return read_nifti(path, header);
-      case Format::Meta:
-        return read_by_itk(path, header, detail::ItkFormat::Meta);
-      case Format::Nrrd:
-        break;
-    }
-    return read_by_itk(path, header, detail::ItkFormat::Nrrd);
-  } catch (const std::bad_alloc&) {
-    throw Error(ErrorCode::Limit, "read",
-                "'" + path.string() + "' has " + std::to_string(header.frame.size()) +
-                    " voxels, for which there is not enough memory; crop or resample it");
-  }
+  return read_volume<Label>(path, header, format);
+}
+
+std::vector<std::filesystem::path> volume_files(const std::filesystem::path& path) {
+  const VolumeHeader header = parse_header(path, format_of(path));
+  std::vector<std::filesystem::path> files = {path};
+  if (header.data_file != path) files.push_back(header.data_file);
+  return files;
+}
+
+Grid<float> read_image(const std::filesystem::path& path, std::vector<std::string>* warnings) {
+  const Format format = format_of(path);
+  const VolumeHeader header = parse_header(path, format);
+  if (warnings) warnings->insert(warnings->end(), header.warnings.begin(), header.warnings.end());
+  return read_volume<float>(path, header, format);
 }
 
 }  // namespace cvmesh

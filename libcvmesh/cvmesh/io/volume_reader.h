@@ -33,4 +33,13 @@ namespace cvmesh {
 InputVolume read_label_volume(const std::filesystem::path& path,
                               std::vector<std::string>* warnings = nullptr);
 
+/// The files that hold a volume: its own, and the one beside it that a header may name.
+/// @throws Error BadInput where the header cannot be read
+std::vector<std::filesystem::path> volume_files(const std::filesystem::path& path);
+
+/// An image of any values from a file of the same kinds, scaled as a NIfTI header says.
+/// @throws Error BadInput as `read_label_volume`, but for the values: these must be finite
+Grid<float> read_image(const std::filesystem::path& path,
+                       std::vector<std::string>* warnings = nullptr);
+
 }  // namespace cvmesh

@@ -315,6 +315,13 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .doc = "With element_order 2: nodes on edges of the surface move onto the dense surface, "
               "as far as all Jacobians stay positive.",
        .field = CVMESH_FIELD(curved_elements)},
+      {.key = "contact",
+       .doc = "Interfaces that are cut open for contact, as pairs of labels by name or value, like "
+              "[[\"stem\", \"cement\"], [3, 4]]: each side has nodes of its own.",
+       .field = CVMESH_FIELD(contact)},
+      {.key = "sample",
+       .doc = "With --sample: density and elastic modulus from the image.",
+       .field = CVMESH_FIELD(sample)},
       {.key = "tetgen_time_limit_s",
        .unit = "s",
        .doc = "Time limit of one TetGen run.",
@@ -386,6 +393,53 @@ const std::vector<ParameterInfo<BoxParameters>>& box_parameter_table() {
                   rows);
     return rows;
   }();
+  return table;
+}
+
+const std::vector<ParameterInfo<SampleParameters>>& sample_parameter_table() {
+  static const std::vector<ParameterInfo<SampleParameters>> table = {
+      {.key = "labels",
+       .doc = "Labels that get density and modulus; none stands for all.",
+       .field = CVMESH_FIELD(labels)},
+      {.key = "density_slope",
+       .unit = "g/cm3 per unit of the image",
+       .doc = "density = density_slope * mean + density_intercept.",
+       .field = CVMESH_FIELD(density_slope),
+       .is_optional = true},
+      {.key = "density_intercept",
+       .unit = "g/cm3",
+       .doc = "Density where the image is 0.",
+       .field = CVMESH_FIELD(density_intercept)},
+      {.key = "modulus_factor",
+       .unit = "MPa",
+       .doc = "modulus = modulus_factor * density ^ modulus_exponent; needs density_slope.",
+       .field = CVMESH_FIELD(modulus_factor),
+       .min = 0,
+       .min_is_exclusive = true,
+       .is_optional = true},
+      {.key = "modulus_exponent",
+       .doc = "Exponent of that law.",
+       .field = CVMESH_FIELD(modulus_exponent),
+       .min = 0,
+       .max = 10},
+      {.key = "min_modulus_mpa",
+       .unit = "MPa",
+       .doc = "Modulus of tets for which the law gives less.",
+       .field = CVMESH_FIELD(min_modulus_mpa),
+       .min = 0,
+       .min_is_exclusive = true},
+      {.key = "poisson_ratio",
+       .doc = "Of all elastic materials made from the modulus.",
+       .field = CVMESH_FIELD(poisson_ratio),
+       .min = 0,
+       .max = 0.499},
+      {.key = "bins",
+       .doc = "Elastic materials in the .inp file, equally wide in modulus; 0 for none. Needs "
+              "modulus_factor.",
+       .field = CVMESH_FIELD(bins),
+       .min = 0,
+       .max = 9999},
+  };
   return table;
 }
 

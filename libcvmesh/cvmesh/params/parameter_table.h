@@ -33,7 +33,9 @@ using ParameterField = std::variant<bool*,
                                     std::map<Label, std::vector<Label>>*,
                                     std::map<Label, LabelParameters>*,
                                     std::vector<InterfaceParameters>*,
-                                    std::vector<BoxParameters>*>;
+                                    std::vector<BoxParameters>*,
+                                    std::vector<std::array<LabelReference, 2>>*,
+                                    SampleParameters*>;
 
 /// One key of the parameter file. The parser, the JSON schema, the defaults and the messages all
 /// read this; the default is what `field` holds in a fresh `Owner`.
@@ -62,5 +64,8 @@ const std::vector<ParameterInfo<InterfaceParameters>>& interface_parameter_table
 
 /// The keys of one entry of "boxes".
 const std::vector<ParameterInfo<BoxParameters>>& box_parameter_table();
+
+/// The keys of "sample".
+const std::vector<ParameterInfo<SampleParameters>>& sample_parameter_table();
 
 }  // namespace cvmesh

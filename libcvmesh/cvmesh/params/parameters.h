@@ -18,6 +18,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 namespace cvmesh {
@@ -47,6 +48,22 @@ struct BoxParameters {
   std::optional<double> epsilon{}, min_edge_mm{}, max_edge_mm{};
 };
 
+/// One of the user's labels, by value or by name.
+using LabelReference = std::variant<Label, std::string>;
+
+/// What a parameter file may say about a second image, in "sample": a linear density and a
+/// power-law modulus for the tets of some labels.
+struct SampleParameters {
+  std::vector<Label> labels;             ///< empty: all
+  std::optional<double> density_slope;   ///< g/cm3 per unit of the image; empty: no density
+  double density_intercept = 0;          ///< g/cm3
+  std::optional<double> modulus_factor;  ///< MPa at 1 g/cm3; empty: no modulus
+  double modulus_exponent = 1;
+  double min_modulus_mpa = 1;  ///< of what is lighter, such as fat, and of densities below 0
+  double poisson_ratio = 0.3;
+  int bins = 0;  ///< elastic materials for solvers, equally wide in modulus; 0: none
+};
+
 /// What decides where a wanted number of vertices or tets goes.
 enum class TargetSizes {
   Deviation,    ///< where it brings the facets nearest to the surface, see `size_by_deviation`
@@ -69,6 +86,8 @@ struct Parameters {
   std::map<Label, LabelParameters> labels;
   std::vector<InterfaceParameters> interfaces;  ///< each pair of labels once
   std::vector<BoxParameters> boxes;             ///< of two values for one place the later one rules
+  std::vector<std::array<LabelReference, 2>> contact;  ///< interfaces that are cut open
+  SampleParameters sample;
   /// Working grid of all stages between labels and metrics; empty for that of the volume.
   std::optional<GridSpacing> grid_spacing_mm;
 

@@ -38,7 +38,8 @@ const char* type_name(const ParameterField& field) {
                            std::is_same_v<Value, VoxelBox> ||
                            std::is_same_v<Value, std::optional<VoxelBox>> ||
                            std::is_same_v<Value, std::vector<InterfaceParameters>> ||
-                           std::is_same_v<Value, std::vector<BoxParameters>>)
+                           std::is_same_v<Value, std::vector<BoxParameters>> ||
+                           std::is_same_v<Value, std::vector<std::array<LabelReference, 2>>>)
           return "array";
         else
           return "object";
@@ -129,6 +130,14 @@ Json parameters_schema() {
   Json box = entry_schema(box_parameter_table());
   fit_box(box["properties"]["box"]);
   properties["boxes"]["items"] = box;
+  properties["contact"]["items"] = {{"type", "array"},
+                                    {"items", {{"type", {"integer", "string"}}}},
+                                    {"minItems", 2},
+                                    {"maxItems", 2},
+                                    {"uniqueItems", true}};
+  Json sample = entry_schema(sample_parameter_table());
+  sample["properties"]["labels"]["items"] = label_value();
+  properties["sample"].update(sample);
   properties["comment"] = {{"description", "Ignored; for notes of any type."}};
 
   // How sparse the mesh is, in one way only.

@@ -195,6 +195,8 @@ std::map<Label, std::vector<Label>> read_label_merges(const Place& place, const 
 std::map<Label, LabelParameters> read_label_table(const Place& place, const Json& value);
 std::vector<InterfaceParameters> read_interfaces(const Place& place, const Json& value);
 std::vector<BoxParameters> read_boxes(const Place& place, const Json& value);
+std::vector<std::array<LabelReference, 2>> read_contacts(const Place& place, const Json& value);
+SampleParameters read_sample(const Place& place, const Json& value);
 
 /// Reads `value` into the field of `owner` that `info` describes.
 template <typename Owner>
@@ -233,6 +235,10 @@ void read_parameter(const ParameterInfo<Owner>& info,
           *field = read_interfaces(place, value);
         } else if constexpr (std::is_same_v<Value, std::vector<BoxParameters>>) {
           *field = read_boxes(place, value);
+        } else if constexpr (std::is_same_v<Value, std::vector<std::array<LabelReference, 2>>>) {
+          *field = read_contacts(place, value);
+        } else if constexpr (std::is_same_v<Value, SampleParameters>) {
+          *field = read_sample(place, value);
         } else if constexpr (std::is_same_v<Value, VoxelBox> ||
                              std::is_same_v<Value, std::optional<VoxelBox>>) {
           *field = read_voxel_box(place, value);
@@ -335,6 +341,44 @@ std::vector<InterfaceParameters> read_interfaces(const Place& place, const Json&
 std::vector<BoxParameters> read_boxes(const Place& place, const Json& value) {
   return read_entries(box_parameter_table(), place, value,
                       "{\"box\": [0, 0, 0, 9, 9, 9], \"epsilon\": 0.5}");
+}
+
+std::vector<std::array<LabelReference, 2>> read_contacts(const Place& place, const Json& value) {
+  constexpr char kWanted[] =
+      "an array of pairs of labels, by name or value, like [[\"stem\", \"cement\"], [3, 4]]";
+  if (!value.is_array()) refuse_type(place, value, kWanted);
+  std::vector<std::array<LabelReference, 2>> contacts;
+  for (const Json& pair : value) {
+    const Place pair_place{
+        place.source, fmt::format("{}[{}]", place.path, contacts.size()), 0, 0, false, false};
+    if (!pair.is_array() || pair.size() != 2)
+      refuse(place.source,
+             fmt::format("{} ({}) is no pair; give {}", pair_place.path, pair.dump(), kWanted));
+    std::array<LabelReference, 2>& contact = contacts.emplace_back();
+    for (std::size_t n = 0; n < 2; ++n)
+      if (pair[n].is_string())
+        contact[n] = pair[n].get<std::string>();
+      else
+        contact[n] = read_label_value(pair_place, pair[n]);
+    if (contact[0] == contact[1])
+      refuse(place.source, fmt::format("{} ({}) names one label twice; give the two that meet",
+                                       pair_place.path, pair.dump()));
+  }
+  return contacts;
+}
+
+SampleParameters read_sample(const Place& place, const Json& value) {
+  const SampleParameters sample =
+      read_entry(sample_parameter_table(), place, value,
+                 "{\"density_slope\": 0.0008, \"density_intercept\": 1}");
+  if (sample.modulus_factor && !sample.density_slope)
+    refuse(place.source, fmt::format("{0}.modulus_factor ({1}) needs a density; give "
+                                     "{0}.density_slope, too",
+                                     place.path, *sample.modulus_factor));
+  if (sample.bins > 0 && !sample.modulus_factor)
+    refuse(place.source, fmt::format("{0}.bins ({1}) needs a modulus; give {0}.modulus_factor, too",
+                                     place.path, sample.bins));
+  return sample;
 }
 
 bool is_set(const Json& object, const char* key) {
@@ -472,6 +516,17 @@ Json to_json_array(const VoxelBox& box) {
   return {box.lo[0], box.lo[1], box.lo[2], box.hi[0], box.hi[1], box.hi[2]};
 }
 
+Json to_json_array(const std::vector<std::array<LabelReference, 2>>& contacts) {
+  Json list = Json::array();
+  for (const std::array<LabelReference, 2>& contact : contacts) {
+    Json pair = Json::array();
+    for (const LabelReference& label : contact)
+      std::visit([&](const auto& reference) { pair.push_back(reference); }, label);
+    list.push_back(pair);
+  }
+  return list;
+}
+
 template <typename Owner>
 Json to_json_list(const std::vector<ParameterInfo<Owner>>& table,
                   const std::vector<Owner>& owners) {
@@ -497,6 +552,10 @@ Json to_json_value(const ParameterInfo<Owner>& info, Owner& owner) {
           return to_json_list(interface_parameter_table(), *field);
         } else if constexpr (std::is_same_v<Value, std::vector<BoxParameters>>) {
           return to_json_list(box_parameter_table(), *field);
+        } else if constexpr (std::is_same_v<Value, std::vector<std::array<LabelReference, 2>>>) {
+          return to_json_array(*field);
+        } else if constexpr (std::is_same_v<Value, SampleParameters>) {
+          return to_json_object(sample_parameter_table(), *field);
         } else if constexpr (std::is_same_v<Value, std::optional<double>> ||
                              std::is_same_v<Value, std::optional<std::size_t>> ||
                              std::is_same_v<Value, std::optional<std::string>>) {

@@ -50,6 +50,26 @@ Box3 box_mm(const VoxelBox& box, const Vec3& input_spacing_mm, const LabelVolume
 
 }  // namespace
 
+MaterialId material_named(const LabelVolume& labels,
+                          const LabelReference& reference,
+                          const std::string& key) {
+  std::string wanted, known;
+  std::vector<MaterialId> found;
+  for (std::size_t id = 1; id < labels.material_count(); ++id) {
+    known += fmt::format("{}{} \"{}\"", known.empty() ? "" : ", ", labels.label_of[id],
+                         labels.name_of[id]);
+    const bool is_it = std::holds_alternative<Label>(reference)
+                           ? std::get<Label>(reference) == labels.label_of[id]
+                           : std::get<std::string>(reference) == labels.name_of[id];
+    if (is_it) found.push_back(static_cast<MaterialId>(id));
+  }
+  if (found.size() == 1) return found.front();
+  std::visit([&](const auto& label) { wanted = fmt::format("{}", label); }, reference);
+  throw Error(ErrorCode::BadParameter, "parameters",
+              fmt::format("{} names \"{}\", which is {} of the labels to mesh; give one of {}", key,
+                          wanted, found.empty() ? "none" : "more than one", known));
+}
+
 void check_boxes(const Run& run) {
   const std::array<int, 3>& dims = run.report.input.dims;
   const std::vector<BoxParameters>& boxes = run.request.parameters.boxes;

@@ -10,6 +10,13 @@
 /// material ids and grid mm of one run; and the warnings where that has no effect.
 namespace cvmesh {
 
+/// The material that the parameters call by the label's value or name.
+/// @param key  for messages
+/// @throws Error BadParameter where it is not among the labels to mesh, or two have the name
+MaterialId material_named(const LabelVolume& labels,
+                          const LabelReference& reference,
+                          const std::string& key);
+
 /// Refuses boxes that reach outside the volume.
 /// @throws Error BadParameter
 void check_boxes(const Run& run);

@@ -3,7 +3,10 @@
 
 #include "cvmesh/core/error.h"
 #include "cvmesh/io/atomic_file.h"
+#include "cvmesh/io/feb_writer.h"
 #include "cvmesh/io/inp_writer.h"
+#include "cvmesh/io/msh_writer.h"
+#include "cvmesh/io/surface_parts.h"
 #include "cvmesh/pipeline/stage_names.h"
 
 #include <algorithm>
@@ -21,7 +24,18 @@ namespace {
 constexpr char kStageFolder[] = "stages";
 constexpr char kFailureSuffix[] = ".failed.json";
 constexpr std::array kResultSuffixes = {".metrics.json", ".vtu", ".mesh", ".surface.vtp"};
-constexpr char kDeckSuffix[] = ".inp";
+
+/// Files whose suffix people give to files of their own: those of an earlier run say so near their
+/// beginning.
+struct MarkedFile {
+  const char* suffix;
+  std::string_view mark;
+};
+
+constexpr std::array<MarkedFile, 4> kMarkedFiles = {
+    {{".inp", kInpFirstLine}, {".msh", kMshMark}, {".v22.msh", kMshMark}, {".feb", kFebMark}}};
+/// The marks are in the first lines.
+constexpr std::size_t kMarkWithin = 200;
 constexpr std::array kStageFiles = {"dense.off",     "medial_axis.vtp", "sizing_field.vtp",
                                     "particles.vtp", "augmented.off",   "sparse.off"};
 
@@ -33,11 +47,21 @@ void check_writable(const fs::path& folder) {
   fs::remove(probe, ignored);
 }
 
-/// Decks that people write have that suffix, too: an earlier run's file says so in its first line.
-bool is_our_deck(const fs::path& file) {
-  std::string line;
-  std::ifstream stream(file);
-  return std::getline(stream, line) && line == kInpFirstLine;
+bool begins_with_mark(const fs::path& file, std::string_view mark) {
+  std::string head(kMarkWithin, '\0');
+  std::ifstream stream(file, std::ios::binary);
+  stream.read(head.data(), static_cast<std::streamsize>(head.size()));
+  return head.find(mark) != std::string::npos;
+}
+
+void remove_surface_parts(const fs::path& folder, const std::string& name) {
+  std::error_code ignored;
+  std::vector<fs::path> found;
+  for (fs::directory_iterator entry(folder, ignored), end; entry != end; entry.increment(ignored))
+    if (is_surface_part_file(entry->path().filename().string(), name))
+      found.push_back(entry->path());
+  for (const fs::path& file : found)
+    fs::remove(file, ignored);
 }
 
 }  // namespace
@@ -60,8 +84,11 @@ OutputFolder::OutputFolder(fs::path folder, std::string name)
   std::error_code ignored;
   for (const char* suffix : kResultSuffixes)
     fs::remove(folder_ / (name_ + suffix), ignored);
-  const fs::path deck = folder_ / (name_ + kDeckSuffix);
-  if (is_our_deck(deck)) fs::remove(deck, ignored);
+  for (const MarkedFile& file : kMarkedFiles) {
+    const fs::path path = folder_ / (name_ + file.suffix);
+    if (begins_with_mark(path, file.mark)) fs::remove(path, ignored);
+  }
+  remove_surface_parts(folder_, name_);
   for (const char* file : kStageFiles)
     fs::remove(folder_ / kStageFolder / file, ignored);
   fs::remove(folder_ / kStageFolder, ignored);  // only if nothing else is in it

@@ -2,25 +2,25 @@
 #include "cvmesh/pipeline/pipeline.h"
 
 #include "cvmesh/core/error.h"
-#include "cvmesh/core/parallel.h"
 #include "cvmesh/core/version.h"
 #include "cvmesh/interfaces/extract_interfaces.h"
-#include "cvmesh/io/inp_writer.h"
 #include "cvmesh/io/json_io.h"
 #include "cvmesh/io/output_tables.h"
 #include "cvmesh/io/surface_writer.h"
-#include "cvmesh/io/tet_writer.h"
 #include "cvmesh/io/volume_reader.h"
 #include "cvmesh/levelset/resample_labels.h"
 #include "cvmesh/pipeline/check_mesh.h"
+#include "cvmesh/pipeline/finish_mesh.h"
 #include "cvmesh/pipeline/label_options.h"
 #include "cvmesh/pipeline/library_versions.h"
 #include "cvmesh/pipeline/mesh_at_scale.h"
 #include "cvmesh/pipeline/output_folder.h"
 #include "cvmesh/pipeline/run.h"
+#include "cvmesh/pipeline/run_key.h"
 #include "cvmesh/pipeline/stage_names.h"
 #include "cvmesh/pipeline/stage_runner.h"
 #include "cvmesh/pipeline/summarize_input.h"
+#include "cvmesh/pipeline/write_results.h"
 #include "cvmesh/pipeline/write_stages.h"
 #include "cvmesh/report/report_json.h"
 #include "cvmesh/tet/second_order.h"
@@ -31,7 +31,6 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
-#include <array>
 #include <memory>
 #include <new>
 #include <set>
@@ -58,13 +57,29 @@ InputVolume read(Run& run) {
       });
   run.report.input = summarize_input(volume, run.request.input);
   run.report.input.output_space = run.request.space.value_or(volume.frame.space);
+  run.report.run_key = run_key(run.request);
   return volume;
 }
 
+/// The names of the parameters, and those that the request adds.
+CleanLabelsOptions clean_labels_options(const Run& run) {
+  CleanLabelsOptions options = run.request.parameters.clean_labels;
+  const std::vector<Label>& labels = run.report.input.labels;
+  std::string absent;
+  for (const auto& [label, name] : run.request.label_names) {
+    options.names.try_emplace(label, name);
+    if (!std::binary_search(labels.begin(), labels.end(), label))
+      absent += fmt::format("{}{}", absent.empty() ? "" : ", ", label);
+  }
+  if (!absent.empty())
+    run.context.log->info("label names: not in the volume, and not used: {}", absent);
+  return options;
+}
+
 LabelVolume clean(Run& run, const InputVolume& volume) {
+  const CleanLabelsOptions options = clean_labels_options(run);
   CleanLabelsResult cleaned = run.stage.run(
-      stage_names::kLabels,
-      [&] { return clean_labels(volume, run.request.parameters.clean_labels, run.context); },
+      stage_names::kLabels, [&] { return clean_labels(volume, options, run.context); },
       [](const CleanLabelsResult& r) {
         const auto& dims = r.labels.frame().dims;
         return fmt::format("{} labels on {} x {} x {} voxels, {} islands removed, {} holes filled",
@@ -231,62 +246,10 @@ void measure(Run& run, const LabelVolume& labels, const InterfaceMesh& dense, co
       });
 }
 
-/// Tets may be so flat that the rounding of the file's coordinates turns them over.
-void require_positive(Run& run, const TetMesh& tets) {
-  const auto corner = [&](std::size_t t, std::size_t k) {
-    return run.mm_to_out(tets.points[static_cast<std::size_t>(tets.tets[t][k])]);
-  };
-  const double sign = run.mm_to_out.determinant() < 0 ? -1 : 1;
-  const std::size_t turned = deterministic_reduce(
-      0, tets.tets.size(), std::size_t{0},
-      [&](std::size_t t) {
-        const double volume = volume6(corner(t, 0), corner(t, 1), corner(t, 2), corner(t, 3));
-        return std::size_t{sign * volume > 0 ? 0U : 1U};
-      },
-      std::plus<>());
-  require(turned == 0, ErrorCode::StageFailed, stage_names::kWrite,
-          fmt::format("{} tets are so flat that they turn over in {} coordinates; make the surface "
-                      "finer (smaller epsilon), or use --space grid",
-                      turned, space_name(run.space)));
-}
-
-void write_tets(Run& run, const LabelVolume& labels, const TetMesh& tets) {
-  struct Writer {
-    MeshFormat format;
-    const char* suffix;
-    decltype(&write_vtu) write;
-  };
-
-  constexpr std::array<Writer, 3> kWriters = {{{MeshFormat::Vtu, ".vtu", &write_vtu},
-                                               {MeshFormat::Mesh, ".mesh", &write_medit},
-                                               {MeshFormat::Inp, ".inp", &write_inp}}};
-  const std::set<MeshFormat>& formats = run.request.formats;
-  std::size_t written = 0;
-  for (const Writer& writer : kWriters) {
-    if (formats.count(writer.format) == 0) continue;
-    writer.write(run.outputs.add(writer.suffix), tets, labels, run.mm_to_out, run.space);
-    ++written;
-    report_progress(run.context, stage_names::kWrite,
-                    static_cast<double>(written) / static_cast<double>(formats.size() + 1));
-  }
-}
-
-void write(Run& run, const LabelVolume& labels, const TetMesh& tets) {
-  require_positive(run, tets);
-  run.stage.run(
-      stage_names::kWrite,
-      [&] {
-        if (!run.request.surface_only) write_tets(run, labels, tets);
-        write_surface_vtp(run.outputs.add(".surface.vtp"), tets.surface, labels, run.mm_to_out,
-                          run.space);
-        return run.outputs.files().size();
-      },
-      [](std::size_t files) { return fmt::format("{} files", files); });
-}
-
 void run_stages(Run& run) {
   const LabelVolume native = read_and_clean(run);
   check_boxes(run);
+  check_finish(run, native);
   warn_of_absent_labels(run, native);
   std::optional<ResampleLabelsResult> resampled = resample(run, native);
   const LabelVolume& labels = resampled ? resampled->labels : native;
@@ -298,7 +261,9 @@ void run_stages(Run& run) {
   resampled.reset();
   add_mid_nodes(run, dense.mesh, tets);
   measure(run, native, dense.mesh, tets);
-  write(run, native, tets);
+  cut_contacts(run, native, tets);
+  add_samples(run, native, tets);
+  write_results(run, native, tets);
 }
 
 /// Any exception as an `Error` that names the stage.

@@ -7,23 +7,36 @@
 #include "cvmesh/report/report.h"
 
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <set>
+#include <string>
 #include <vector>
 
 namespace cvmesh {
 
-/// Files of the tets: NAME.vtu, NAME.mesh (Medit), NAME.inp (Abaqus, CalculiX).
-enum class MeshFormat { Vtu, Mesh, Inp };
+/// Files of the tets: NAME.vtu, NAME.mesh (Medit), NAME.inp (Abaqus, CalculiX), NAME.msh
+/// (Gmsh 4.1), NAME.v22.msh (Gmsh 2.2), NAME.feb (FEBio); and files of each label's boundary and
+/// each interface, NAME.label_2.stl and so on.
+enum class MeshFormat { Vtu, Mesh, Inp, Msh, Msh22, Feb, Stl, Ply, Vtp };
+
+/// Whether a format is one of surfaces, which a run that stops before the tets can write, too.
+constexpr bool is_surface_format(MeshFormat format) {
+  return format >= MeshFormat::Stl;
+}
 
 struct RunRequest {
   std::filesystem::path input;    ///< label volume: .nii, .nii.gz, .mha, .mhd, .nrrd
   std::filesystem::path out_dir;  ///< made with its parents where it does not exist
   Parameters parameters;
+  std::filesystem::path sample;  ///< an image to sample onto the tets; empty: none
+  /// Names that are not in the parameters, whose own win; those of absent labels are not used.
+  std::map<Label, std::string> label_names;
   std::optional<Space> space;  ///< of the written coordinates; default: the input's own
   bool keep_stages = false;    ///< each stage's result to out_dir/stages/
   bool surface_only = false;   ///< stop before the tets
-  std::set<MeshFormat> formats{MeshFormat::Vtu, MeshFormat::Mesh};  ///< to write the tets in
+  /// To write; with `surface_only` those of tets are left out.
+  std::set<MeshFormat> formats{MeshFormat::Vtu, MeshFormat::Mesh};
 };
 
 struct RunResult {
@@ -33,7 +46,7 @@ struct RunResult {
 
 /// One run from label volume to mesh and report.
 ///
-/// With NAME the input's file name without its suffix, writes the tets in the formats asked for,
+/// With NAME the input's file name without its suffix, writes the formats asked for,
 /// NAME.surface.vtp and, last, NAME.metrics.json; files of an earlier run of that NAME are removed
 /// when the run starts, and a failed run leaves nothing but NAME.failed.json. The seed of the run
 /// is that of the parameters, whatever `context` says.

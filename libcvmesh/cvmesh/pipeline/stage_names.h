@@ -22,6 +22,8 @@ inline constexpr char kEdgeFlipping[] = "edge flipping";
 inline constexpr char kTetrahedra[] = "tetrahedra";
 inline constexpr char kSecondOrder[] = "second-order nodes";  // element_order 2 only
 inline constexpr char kMetrics[] = "metrics";
+inline constexpr char kContacts[] = "contacts";  // only with contact
+inline constexpr char kSampling[] = "sampling";  // only with --sample
 inline constexpr char kWrite[] = "write";
 
 }  // namespace cvmesh::stage_names

@@ -24,6 +24,7 @@
 #include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/surface/insert_particles.h"
 #include "cvmesh/tet/second_order.h"
+#include "cvmesh/tet/split_contacts.h"
 #include "cvmesh/tet/tetrahedralize.h"
 
 #include <array>
@@ -51,6 +52,13 @@ struct InputSummary {
 /// Size of a multi-material surface.
 struct SurfaceSummary {
   std::size_t vertices = 0, facets = 0, patches = 0, curves = 0, corners = 0;
+};
+
+/// What was sampled onto the tets.
+struct SamplingSummary {
+  std::string file;                   ///< name without folders
+  double min_mean = 0, max_mean = 0;  ///< of the tets, in units of the image
+  std::size_t bins = 0;               ///< elastic materials
 };
 
 /// How cvmesh found the scale of the sizes itself.
@@ -81,6 +89,8 @@ struct StageResults {
   std::optional<FlipEdgesStats> edge_flipping;
   std::optional<TetrahedralizeStats> tetrahedra;
   std::optional<SecondOrderStats> second_order;
+  std::optional<SplitContactsStats> contacts;
+  std::optional<SamplingSummary> sampling;
 };
 
 /// Topology of one material from voxels to mesh. For a solid, the Euler characteristic of the
@@ -124,6 +134,7 @@ struct StageTiming {
 struct Report {
   std::string version;
   std::map<std::string, std::string> libraries;  ///< name -> version
+  std::string run_key;  ///< of everything that decides the files, see `run_key`
   InputSummary input;
   Parameters parameters;
 

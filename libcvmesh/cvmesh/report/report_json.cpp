@@ -14,10 +14,12 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 Json header(const Report& report, const char* status) {
-  return {{"cvmesh", report.version},
-          {"schema_version", kReportSchemaVersion},
-          {"status", status},
-          {"libraries", report.libraries}};
+  Json object = {{"cvmesh", report.version},
+                 {"schema_version", kReportSchemaVersion},
+                 {"status", status},
+                 {"libraries", report.libraries}};
+  if (!report.run_key.empty()) object[kRunKey] = report.run_key;
+  return object;
 }
 
 Json input_json(const InputSummary& input) {
@@ -172,6 +174,8 @@ Json stages_json(const Report& report) {
     object["tetrahedra"]["poor_tets"] =
         poor_tets_json(stages.tetrahedra->improvement.after.places, report.label_of);
   add(object, "second_order_nodes", stages.second_order);
+  add(object, "contacts", stages.contacts);
+  add(object, "sampling", stages.sampling);
   return object;
 }
 

@@ -11,8 +11,11 @@ namespace cvmesh {
 /// Version of the report's layout: raised when a key changes its meaning or goes.
 inline constexpr int kReportSchemaVersion = 2;
 
+/// The key of the report under which `Report::run_key` stands.
+inline constexpr char kRunKey[] = "run_key";
+
 /// The report of a finished run, NAME.metrics.json:
-/// {cvmesh, schema_version, status, libraries, input, parameters, results, timings}.
+/// {cvmesh, schema_version, status, libraries, run_key, input, parameters, results, timings}.
 ///
 /// Keys are the fields' names, with their units. `results.labels` has one entry per label with its
 /// accounting, volume, topology, counts, distances and quality; the sections beside it hold what

@@ -189,6 +189,19 @@ void to_json(Json& json, const SecondOrderStats& stats) {
           {"least_jacobian", stats.least_jacobian}};
 }
 
+void to_json(Json& json, const SplitContactsStats& stats) {
+  json = {{"facets_cut", stats.facets_cut},
+          {"nodes_added", stats.nodes_added},
+          {"node_pairs", stats.node_pairs}};
+}
+
+void to_json(Json& json, const SamplingSummary& summary) {
+  json = {{"file", summary.file},
+          {"min_mean", summary.min_mean},
+          {"max_mean", summary.max_mean},
+          {"bins", summary.bins}};
+}
+
 void to_json(Json& json, const ParticleCounts& counts) {
   json = {{"total", counts.total},         {"corners", counts.corners},
           {"on_curves", counts.on_curves}, {"on_interfaces", counts.on_interfaces},

@@ -35,6 +35,8 @@ void to_json(nlohmann::ordered_json& json, const DihedralAngles& angles);
 void to_json(nlohmann::ordered_json& json, const ImproveTetsStats& stats);
 void to_json(nlohmann::ordered_json& json, const SecondOrderStats& stats);
 
+void to_json(nlohmann::ordered_json& json, const SplitContactsStats& stats);
+void to_json(nlohmann::ordered_json& json, const SamplingSummary& summary);
 void to_json(nlohmann::ordered_json& json, const ParticleCounts& counts);
 void to_json(nlohmann::ordered_json& json, const MeshCounts& counts);
 void to_json(nlohmann::ordered_json& json, const Distribution& distribution);

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/pipeline/pipeline.h"
+
+#include <string>
+
+namespace cvmesh {
+
+/// What decides the files of a run, in one number: the SHA-256 of the version, the bytes of the
+/// label volume and of the sampled image, all effective parameters, label names, formats, space and
+/// options. Not the folder of the results, nor the number of threads.
+/// @throws Error BadInput when a file cannot be read
+std::string run_key(const RunRequest& request);
+
+/// Whether NAME.metrics.json of a run with the same key is in the folder of the results.
+/// @throws Error BadInput when an input cannot be read
+bool is_finished(const RunRequest& request);
+
+}  // namespace cvmesh

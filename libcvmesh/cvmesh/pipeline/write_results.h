@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/labels/label_volume.h"
+#include "cvmesh/mesh/tet_mesh.h"
+#include "cvmesh/pipeline/run.h"
+
+namespace cvmesh {
+
+/// Writes the finished mesh, in the frame of `labels`, in every format that the run asks for, and
+/// NAME.surface.vtp.
+/// @throws Error StageFailed where the file's coordinates turn a tet over; Output
+void write_results(Run& run, const LabelVolume& labels, const TetMesh& tets);
+
+}  // namespace cvmesh
