@@ -440,28 +440,32 @@ class Direction {
     stats.worst_sides = part.sides;
   }
 
-  // Branch and bound: all parts whose bound is too high are halved at once, until none is left.
+  // Branch and bound: parts whose bound is too high are halved until none is left. In blocks of
+  // pieces, since two surfaces that are nearly the same must be cut finely everywhere.
   void find_maximum(const std::vector<PieceId>& pieces,
                     std::int32_t wanted,
                     DistanceStats& stats) const {
+    constexpr std::size_t kBlock = 8192;
     PieceId worst = pieces.front();
     for (const PieceId id : pieces)
       if (bounds_of(id, wanted).attained > bounds_of(worst, wanted).attained) worst = id;
     take(worst_part(worst, wanted), stats);
     double upper = stats.max;  // of all that is settled
-    std::vector<Part> open;
-    for (const PieceId id : pieces) {
-      const Bounds& bounds = bounds_of(id, wanted);
-      if (bounds.upper <= stats.max + options_.max_error) {
-        upper = std::max(upper, bounds.upper);
-        continue;
+    for (std::size_t begin = 0; begin < pieces.size(); begin += kBlock) {
+      std::vector<Part> open;
+      for (std::size_t i = begin; i < std::min(pieces.size(), begin + kBlock); ++i) {
+        const Bounds& bounds = bounds_of(pieces[i], wanted);
+        if (bounds.upper <= stats.max + options_.max_error) {
+          upper = std::max(upper, bounds.upper);
+          continue;
+        }
+        const Piece& piece = chunks_[pieces[i].chunk].pieces[pieces[i].piece];
+        open.push_back({outline_of(piece), from_.sides(piece.shape), bounds, {}});
       }
-      const Piece& piece = chunks_[id.chunk].pieces[id.piece];
-      open.push_back({outline_of(piece), from_.sides(piece.shape), bounds, {}});
+      while (!open.empty())
+        open = halve(open, wanted, stats, upper);
     }
-    while (!open.empty())
-      open = halve(open, wanted, stats, upper);
-    stats.max_error = upper - stats.max;
+    stats.max_error = std::max(0.0, upper - stats.max);
   }
 
   std::vector<Part> halve(const std::vector<Part>& open,
