@@ -17,6 +17,8 @@ import sys
 
 # cvmesh summary says so where a run of the cohort failed.
 SOME_FAILED = 5
+# Of the reports that cvmesh writes.
+SCHEMA_VERSION = 1
 
 
 def stem(path):
@@ -44,14 +46,16 @@ def read_subjects(path):
     return subjects
 
 
-def record_lost(subjects, out):
+def record_lost(cvmesh, subjects, out):
     """Names the subjects whose job ended without a word of its own."""
+    said = subprocess.run([cvmesh, "--version"], capture_output=True, text=True).stdout.split()
     for name in subjects:
         folder = out / name
         if any((folder / (name + suffix)).exists() for suffix in (".metrics.json", ".failed.json")):
             continue
         folder.mkdir(parents=True, exist_ok=True)
-        record = {"status": "failed", "stage": "job", "code": "killed", "exit_code": 137,
+        record = {"cvmesh": said[-1] if said else "", "schema_version": SCHEMA_VERSION,
+                  "status": "failed", "stage": "job", "code": "killed", "exit_code": 137,
                   "message": "the job ended without a result: killed, out of memory or time, or "
                              "never started",
                   "input": {"file": pathlib.Path(subjects[name]).name}}
@@ -59,7 +63,7 @@ def record_lost(subjects, out):
 
 
 def summarize(cvmesh, subjects, out):
-    record_lost(subjects, out)
+    record_lost(cvmesh, subjects, out)
     done = subprocess.run([cvmesh, "summary", *(str(out / name) for name in subjects), "--out",
                            str(out / "summary.csv")])
     return 0 if done.returncode == SOME_FAILED else done.returncode

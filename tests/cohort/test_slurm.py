@@ -147,6 +147,9 @@ def main():
     if os.geteuid() != 0:
         print("skipped: not root")
         return SKIPPED
+    if not cohort_cases.has_summary(cvmesh):
+        print("skipped: this cvmesh has no command summary")
+        return SKIPPED
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     cluster = Cluster(pathlib.Path(out) / "cluster")

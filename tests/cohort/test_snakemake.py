@@ -26,6 +26,9 @@ def main():
     if shutil.which("snakemake") is None:
         print("skipped: no snakemake here")
         return SKIPPED
+    if not cohort_cases.has_summary(cvmesh):
+        print("skipped: this cvmesh has no command summary")
+        return SKIPPED
     shutil.rmtree(out, ignore_errors=True)
     listed = cohort_cases.make_subjects(out)
     results = out / "results"
