@@ -11,8 +11,9 @@ set -eu
 
 build="build-essential cmake ninja-build libboost-dev libcgal-dev libtet1.5-dev
   libinsighttoolkit5-dev libcli11-dev nlohmann-json3-dev libspdlog-dev libfmt-dev libtbb-dev
-  libeigen3-dev libnanoflann-dev zlib1g-dev libgmp-dev libmpfr-dev"
-tests="catch2 python3-minimal python3-numpy python3-meshio python3-nibabel calculix-ccx"
+  libeigen3-dev libnanoflann-dev zlib1g-dev libgmp-dev libmpfr-dev libjs-three"
+tests="catch2 python3-minimal python3-numpy python3-meshio python3-nibabel calculix-ccx
+  chromium chromium-driver"
 rendering="python3-vtk9 xvfb xauth"
 
 packages="$build $tests"

@@ -16,7 +16,7 @@ struct MeshCommand {
   std::optional<Space> space;         ///< empty: the input's own
   std::vector<std::string> settings;  ///< "key=value", `--seed N` among them
   std::vector<std::string> formats = {"vtu", "mesh"};
-  bool keep_stages = false, surface_only = false;
+  bool keep_stages = false, surface_only = false, html_report = false;
 };
 
 struct CliOptions {

@@ -20,7 +20,8 @@ namespace {
 
 constexpr char kStageFolder[] = "stages";
 constexpr char kFailureSuffix[] = ".failed.json";
-constexpr std::array kResultSuffixes = {".metrics.json", ".vtu", ".mesh", ".surface.vtp"};
+constexpr std::array kResultSuffixes = {".metrics.json", ".vtu", ".mesh", ".surface.vtp",
+                                        ".report.html"};
 constexpr char kDeckSuffix[] = ".inp";
 constexpr std::array kStageFiles = {"dense.off",     "medial_axis.vtp", "sizing_field.vtp",
                                     "particles.vtp", "augmented.off",   "sparse.off"};

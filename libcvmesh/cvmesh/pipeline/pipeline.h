@@ -23,6 +23,7 @@ struct RunRequest {
   std::optional<Space> space;  ///< of the written coordinates; default: the input's own
   bool keep_stages = false;    ///< each stage's result to out_dir/stages/
   bool surface_only = false;   ///< stop before the tets
+  bool html_report = false;    ///< NAME.report.html, too
   std::set<MeshFormat> formats{MeshFormat::Vtu, MeshFormat::Mesh};  ///< to write the tets in
 };
 
@@ -34,9 +35,9 @@ struct RunResult {
 /// One run from label volume to mesh and report.
 ///
 /// With NAME the input's file name without its suffix, writes the tets in the formats asked for,
-/// NAME.surface.vtp and, last, NAME.metrics.json; files of an earlier run of that NAME are removed
-/// when the run starts, and a failed run leaves nothing but NAME.failed.json. The seed of the run
-/// is that of the parameters, whatever `context` says.
+/// NAME.surface.vtp, on request NAME.report.html and, last, NAME.metrics.json; files of an earlier
+/// run of that NAME are removed when the run starts, and a failed run leaves nothing but
+/// NAME.failed.json. The seed of the run is that of the parameters, whatever `context` says.
 ///
 /// @throws Error with the codes of README, "Exit codes"; Output before any long work when
 ///         `out_dir` cannot be written

@@ -23,5 +23,6 @@ inline constexpr char kTetrahedra[] = "tetrahedra";
 inline constexpr char kSecondOrder[] = "second-order nodes";  // element_order 2 only
 inline constexpr char kMetrics[] = "metrics";
 inline constexpr char kWrite[] = "write";
+inline constexpr char kHtmlReport[] = "HTML report";  // on request only
 
 }  // namespace cvmesh::stage_names

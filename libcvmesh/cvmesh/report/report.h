@@ -119,6 +119,7 @@ struct Report {
   std::vector<VolumeError> volumes;
   std::vector<MaterialTopology> topology;
   std::optional<Checks> checks;
+  std::vector<std::string> warnings;  ///< of the log, in order
 
   std::vector<StageTiming> timings;  ///< in order of first run
   double total_seconds = 0;

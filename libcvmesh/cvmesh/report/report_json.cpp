@@ -185,6 +185,7 @@ Json results_json(const Report& report) {
   add(results, "quality", report.quality);
   add(results, "distances", report.distances);
   add(results, "checks", report.checks);
+  results["warnings"] = report.warnings;
   results["stages"] = stages_json(report);
   return results;
 }
