@@ -32,8 +32,8 @@ constexpr char kExamples[] =
 
 constexpr char kMeshFooter[] =
     "With NAME the input's name without suffix, writes NAME.vtu and NAME.mesh (or what --formats\n"
-    "names), NAME.surface.vtp and, last, NAME.metrics.json; a run that fails leaves\n"
-    "NAME.failed.json only.";
+    "names), NAME.surface.vtp, with --report NAME.report.html and, last, NAME.metrics.json; a run\n"
+    "that fails leaves NAME.failed.json only.";
 
 constexpr char kMetricsFooter[] =
     "Labels of the tets: in .vtu the cell array labels, else material, ref, medit:ref,\n"
@@ -133,6 +133,8 @@ void add_mesh_command(CLI::App& app,
   mesh->add_flag("--keep-stages", options.mesh.keep_stages,
                  "Write each stage's result to OUT/stages");
   mesh->add_flag("--surface-only", options.mesh.surface_only, "Stop before the tets");
+  mesh->add_flag("--report", options.mesh.html_report,
+                 "Write NAME.report.html, too: tables, plots and the mesh in 3-D, for a browser");
   CLI::Option* quiet = mesh->add_flag("-q,--quiet", options.is_quiet, "Warnings and errors only");
   mesh->add_flag("-v,--verbose", options.is_verbose, "Say more")->excludes(quiet);
 }
@@ -191,6 +193,7 @@ RunRequest make_request(const MeshCommand& command) {
   request.space = command.space;
   request.keep_stages = command.keep_stages;
   request.surface_only = command.surface_only;
+  request.html_report = command.html_report;
   request.formats.clear();
   for (const std::string& name : command.formats) {
     const MeshFormat format = formats_by_name().at(name);

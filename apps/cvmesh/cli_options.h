@@ -18,7 +18,7 @@ struct MeshCommand {
   std::vector<std::string> settings;  ///< "key=value", `--seed N` among them
   std::vector<std::string> formats = {"vtu", "mesh"};
   bool formats_given = false;  ///< and not those of the default
-  bool keep_stages = false, surface_only = false, resume = false;
+  bool keep_stages = false, surface_only = false, html_report = false, resume = false;
 };
 
 struct CliOptions {

@@ -23,7 +23,8 @@ namespace {
 
 constexpr char kStageFolder[] = "stages";
 constexpr char kFailureSuffix[] = ".failed.json";
-constexpr std::array kResultSuffixes = {".metrics.json", ".vtu", ".mesh", ".surface.vtp"};
+constexpr std::array kResultSuffixes = {".metrics.json", ".vtu", ".mesh", ".surface.vtp",
+                                        ".report.html"};
 
 /// Files whose suffix people give to files of their own: those of an earlier run say so near their
 /// beginning.

@@ -4,11 +4,13 @@
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/version.h"
 #include "cvmesh/interfaces/extract_interfaces.h"
+#include "cvmesh/io/atomic_file.h"
 #include "cvmesh/io/json_io.h"
 #include "cvmesh/io/output_tables.h"
 #include "cvmesh/io/surface_writer.h"
 #include "cvmesh/io/volume_reader.h"
 #include "cvmesh/levelset/resample_labels.h"
+#include "cvmesh/metrics/facet_distances.h"
 #include "cvmesh/pipeline/check_mesh.h"
 #include "cvmesh/pipeline/finish_mesh.h"
 #include "cvmesh/pipeline/label_options.h"
@@ -20,8 +22,10 @@
 #include "cvmesh/pipeline/stage_names.h"
 #include "cvmesh/pipeline/stage_runner.h"
 #include "cvmesh/pipeline/summarize_input.h"
+#include "cvmesh/pipeline/warning_log.h"
 #include "cvmesh/pipeline/write_results.h"
 #include "cvmesh/pipeline/write_stages.h"
+#include "cvmesh/report/html_report.h"
 #include "cvmesh/report/report_json.h"
 #include "cvmesh/tet/second_order.h"
 #include "cvmesh/tet/tetgen_backend.h"
@@ -246,6 +250,27 @@ void measure(Run& run, const LabelVolume& labels, const InterfaceMesh& dense, co
       });
 }
 
+/// The page for people, on request.
+void write_html_report(Run& run,
+                       const LabelVolume& labels,
+                       const InterfaceMesh& dense,
+                       const TetMesh& tets) {
+  if (!run.request.html_report) return;
+  run.stage.run(
+      stage_names::kHtmlReport,
+      [&] {
+        const FacetDistances distances =
+            measure_facet_distances(tets.surface, dense, labels.frame().voxel_mm());
+        report_progress(run.context, stage_names::kHtmlReport, 0.5);
+        const std::string page = html_report(run.report, tets, distances, run.mm_to_out);
+        AtomicFile file(run.outputs.add(".report.html"));
+        file.write(page);
+        file.commit();
+        return page.size();
+      },
+      [](std::size_t bytes) { return fmt::format("{:.1f} MB", static_cast<double>(bytes) / 1e6); });
+}
+
 void run_stages(Run& run) {
   const LabelVolume native = read_and_clean(run);
   check_boxes(run);
@@ -264,6 +289,7 @@ void run_stages(Run& run) {
   cut_contacts(run, native, tets);
   add_samples(run, native, tets);
   write_results(run, native, tets);
+  write_html_report(run, native, dense.mesh, tets);
 }
 
 /// Any exception as an `Error` that names the stage.
@@ -299,6 +325,8 @@ RunResult run_pipeline(const RunRequest& request, const StageContext& given) {
   const Timer timer;
   StageContext context = given;
   context.seed = request.parameters.seed;
+  Report report;
+  context.log = make_warning_log(given.log, report.warnings);
   std::error_code ignored;
   require(std::filesystem::exists(request.input, ignored), ErrorCode::BadInput, stage_names::kRead,
           "'" + request.input.string() + "' does not exist; check the path");
@@ -310,7 +338,6 @@ RunResult run_pipeline(const RunRequest& request, const StageContext& given) {
   if (!request.surface_only) find_tetgen_helper();  // a missing helper ends the run here, not late
 
   OutputFolder outputs(request.out_dir, input_stem(request.input));
-  Report report;
   report.version = kVersion;
   report.libraries = library_versions();
   report.parameters = request.parameters;

@@ -37,6 +37,7 @@ struct RunRequest {
   bool surface_only = false;   ///< stop before the tets
   /// To write; with `surface_only` those of tets are left out.
   std::set<MeshFormat> formats{MeshFormat::Vtu, MeshFormat::Mesh};
+  bool html_report = false;  ///< NAME.report.html, too
 };
 
 struct RunResult {
@@ -47,9 +48,9 @@ struct RunResult {
 /// One run from label volume to mesh and report.
 ///
 /// With NAME the input's file name without its suffix, writes the formats asked for,
-/// NAME.surface.vtp and, last, NAME.metrics.json; files of an earlier run of that NAME are removed
-/// when the run starts, and a failed run leaves nothing but NAME.failed.json. The seed of the run
-/// is that of the parameters, whatever `context` says.
+/// NAME.surface.vtp, on request NAME.report.html and, last, NAME.metrics.json; files of an earlier
+/// run of that NAME are removed when the run starts, and a failed run leaves nothing but
+/// NAME.failed.json. The seed of the run is that of the parameters, whatever `context` says.
 ///
 /// @throws Error with the codes of README, "Exit codes"; Output before any long work when
 ///         `out_dir` cannot be written

@@ -25,5 +25,6 @@ inline constexpr char kMetrics[] = "metrics";
 inline constexpr char kContacts[] = "contacts";  // only with contact
 inline constexpr char kSampling[] = "sampling";  // only with --sample
 inline constexpr char kWrite[] = "write";
+inline constexpr char kHtmlReport[] = "HTML report";  // on request only
 
 }  // namespace cvmesh::stage_names

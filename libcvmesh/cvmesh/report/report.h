@@ -150,6 +150,7 @@ struct Report {
   std::vector<MaterialTopology> topology;
   std::optional<Checks> checks;
   std::optional<JudgedMesh> judged;  ///< only of a mesh that was judged
+  std::vector<std::string> warnings;  ///< of the log, in order
 
   std::vector<StageTiming> timings;  ///< in order of first run
   double total_seconds = 0;

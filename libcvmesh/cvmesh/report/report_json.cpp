@@ -191,6 +191,7 @@ Json results_json(const Report& report) {
   add(results, "quality", report.quality);
   if (report.distances) results["distances"] = distances_json(report);
   add(results, "checks", report.checks);
+  results["warnings"] = report.warnings;
   results["stages"] = stages_json(report);
   return results;
 }
