@@ -3,13 +3,15 @@
 
 #include "cvmesh/pipeline/pipeline.h"
 
+#include "compare_command.h"
+#include "summary_command.h"
 #include <optional>
 #include <string>
 #include <vector>
 
 namespace cvmesh::app {
 
-enum class Command { Mesh, Schema, Defaults };
+enum class Command { Mesh, Compare, Summary, Schema, Defaults };
 
 struct MeshCommand {
   std::string input, params_file, out_dir = ".";
@@ -22,7 +24,10 @@ struct MeshCommand {
 struct CliOptions {
   Command command = Command::Mesh;
   MeshCommand mesh;
-  int threads = 0;  ///< 0: as many as the machine, or the Slurm task, has
+  CompareCommand compare;
+  SummaryCommand summary;
+  bool is_of_tolerances = false;  ///< `defaults` of a tolerances file
+  int threads = 0;                ///< 0: as many as the machine, or the Slurm task, has
   bool is_quiet = false, is_verbose = false;
 };
 

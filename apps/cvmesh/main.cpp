@@ -3,6 +3,7 @@
 #include "cvmesh/params/parameters_schema.h"
 #include "cvmesh/params/parse_parameters.h"
 #include "cvmesh/pipeline/pipeline.h"
+#include "cvmesh/report/report_tolerances.h"
 
 #include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
@@ -79,8 +80,13 @@ int run(int argc, char** argv) {
       print(parameters_schema());
       return 0;
     case app::Command::Defaults:
-      print(parameters_to_json(Parameters{}));
+      print(outcome.options.is_of_tolerances ? tolerances_to_json(default_tolerances())
+                                             : parameters_to_json(Parameters{}));
       return 0;
+    case app::Command::Compare:
+      return app::run_compare(outcome.options.compare);
+    case app::Command::Summary:
+      return app::run_summary(outcome.options.summary);
     case app::Command::Mesh:
       break;
   }
