@@ -65,6 +65,8 @@ int run_mesh(const app::CliOptions& options) {
   try {
     const RunResult result = run_pipeline(request, context);
     if (!options.is_quiet) std::cerr << app::summary_table(result);
+    const std::string missed = missed_gates_message(result.report.gates);
+    require(missed.empty(), ErrorCode::QualityGate, "gates", missed);
   } catch (...) {
     bar.clear();
     throw;

@@ -178,3 +178,41 @@ TEST_CASE("cvmesh summary: one row per run, whatever its file is like, in order 
   CHECK(contains(empty.err, "no NAME.metrics.json"));
   CHECK(run_cli::cvmesh({"summary"}).exit_code == 2);
 }
+
+TEST_CASE("cvmesh mesh: a missed gate gives code 5, with the mesh and a report that tells",
+          "[cli]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::nested_balls(5, 9));
+  const auto run = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> words = {"mesh", (folder / "a.nii").string(), "--out",
+                                      (folder / "out").string(), "-q"};
+    words.insert(words.end(), more.begin(), more.end());
+    return run_cli::cvmesh(words);
+  };
+  const Outcome missed =
+      run({"--set", "gates.min_dihedral_deg=60", "--set", "gates.max_distance_vox=50", "--set",
+           "gates.max_mean_distance_vox=1e-6"});
+  INFO(missed.err);
+  CHECK(missed.exit_code == 5);
+  CHECK(contains(missed.err, "2 of 3 gates missed: min_dihedral_deg is "));
+  CHECK(contains(missed.err, "max_mean_distance_vox is "));
+  CHECK_FALSE(contains(missed.err, "max_distance_vox is "));
+  CHECK(fs::exists(folder / "out/a.vtu"));
+  CHECK_FALSE(fs::exists(folder / "out/a.failed.json"));
+  const auto report = read_json(folder / "out/a.metrics.json");
+  CHECK(report["status"] == "success");
+  CHECK(report["results"]["gates"].size() == 3);
+  CHECK(report["results"]["gates"][0]["passed"] == false);
+  CHECK(report["parameters"]["gates"]["max_distance_vox"] == 50.0);
+  const Outcome summary = run_cli::cvmesh({"summary", (folder / "out").string()});
+  CHECK(summary.exit_code == 5);
+  CHECK(contains(summary.out, "missed gates"));
+  CHECK(contains(summary.out, "min_dihedral_deg max_mean_distance_vox"));
+
+  CHECK(run({"--set", "gates.max_distance_vox=50"}).exit_code == 0);
+  const Outcome no_tets = run({"--surface-only", "--set", "gates.min_dihedral_deg=60"});
+  CHECK(no_tets.exit_code == 2);
+  CHECK(contains(no_tets.err, "gates.min_dihedral_deg cannot be measured without tets"));
+  CHECK(run({"--surface-only", "--set", "gates.max_distance_vox=50"}).exit_code == 0);
+  CHECK(run({"--surface-only", "--set", "gates.max_distance_vox=0.001"}).exit_code == 5);
+}

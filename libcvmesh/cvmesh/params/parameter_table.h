@@ -25,6 +25,7 @@ using ParameterField = std::variant<bool*,
                                     Seeding*,
                                     OnDegenerate*,
                                     Schedule*,
+                                    SurfaceMethod*,
                                     VoxelBox*,
                                     std::optional<VoxelBox>*,
                                     std::optional<GridSpacing>*,
@@ -33,7 +34,8 @@ using ParameterField = std::variant<bool*,
                                     std::map<Label, std::vector<Label>>*,
                                     std::map<Label, LabelParameters>*,
                                     std::vector<InterfaceParameters>*,
-                                    std::vector<BoxParameters>*>;
+                                    std::vector<BoxParameters>*,
+                                    QualityGates*>;
 
 /// One key of the parameter file. The parser, the JSON schema, the defaults and the messages all
 /// read this; the default is what `field` holds in a fresh `Owner`.
@@ -62,5 +64,8 @@ const std::vector<ParameterInfo<InterfaceParameters>>& interface_parameter_table
 
 /// The keys of one entry of "boxes".
 const std::vector<ParameterInfo<BoxParameters>>& box_parameter_table();
+
+/// The keys of "gates".
+const std::vector<ParameterInfo<QualityGates>>& gate_table();
 
 }  // namespace cvmesh

@@ -129,6 +129,7 @@ Json parameters_schema() {
   Json box = entry_schema(box_parameter_table());
   fit_box(box["properties"]["box"]);
   properties["boxes"]["items"] = box;
+  properties["gates"].update(entry_schema(gate_table()));
   properties["comment"] = {{"description", "Ignored; for notes of any type."}};
 
   // How sparse the mesh is, in one way only.

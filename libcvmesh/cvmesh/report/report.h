@@ -16,12 +16,14 @@
 #include "cvmesh/metrics/volume_error.h"
 #include "cvmesh/params/parameters.h"
 #include "cvmesh/particles/distribute_particles.h"
+#include "cvmesh/report/check_gates.h"
 #include "cvmesh/report/particle_counts.h"
 #include "cvmesh/sizing/compute_sizing_field.h"
 #include "cvmesh/surface/conform_edges.h"
 #include "cvmesh/surface/decimate.h"
 #include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/surface/insert_particles.h"
+#include "cvmesh/tet/delaunay_tets.h"
 #include "cvmesh/tet/second_order.h"
 #include "cvmesh/tet/tetrahedralize.h"
 
@@ -74,6 +76,7 @@ struct StageResults {
   std::optional<DecimateStats> decimation;
   std::optional<ConformEdgesStats> edge_conformity;  ///< only of the sequential schedule
   std::optional<FlipEdgesStats> edge_flipping;
+  std::optional<DelaunayTetsStats> delaunay_tets;  ///< only of that baseline
   std::optional<TetrahedralizeStats> tetrahedra;
   std::optional<SecondOrderStats> second_order;
 };
@@ -86,7 +89,8 @@ struct MaterialTopology {
   std::size_t dense_components = 0, mesh_components = 0;  ///< of the solid: outer boundaries
 };
 
-/// What was verified on the finished mesh; a run that fails one of these ends with an error.
+/// What was verified on the finished mesh; a run that fails one of these ends with an error, unless
+/// its mesh is a baseline (`SurfaceMethod::Delaunay`).
 struct Checks {
   bool surface_is_valid = false;  ///< closed manifold per material, no degenerate facet
   std::size_t surface_intersections = 0;
@@ -119,6 +123,7 @@ struct Report {
   std::vector<VolumeError> volumes;
   std::vector<MaterialTopology> topology;
   std::optional<Checks> checks;
+  std::vector<GateResult> gates;  ///< those of the parameters
 
   std::vector<StageTiming> timings;  ///< in order of first run
   double total_seconds = 0;

@@ -41,7 +41,9 @@ Json topology_json(const MaterialTopology& t) {
            {{"components", t.mesh_components},
             {"boundary_components", t.mesh.components},
             {"boundary_euler", t.mesh.euler},
-            {"is_closed_manifold", t.mesh.is_closed_manifold}}}};
+            {"is_closed_manifold", t.mesh.is_closed_manifold},
+            {"nonmanifold_edges", t.mesh.nonmanifold_edges},
+            {"nonmanifold_vertices", t.mesh.nonmanifold_vertices}}}};
 }
 
 /// Entry `m` of a per-material vector, where there is one.
@@ -165,6 +167,7 @@ Json stages_json(const Report& report) {
     object["edge_conformity"]["pairs"] =
         pairs_json(stages.edge_conformity->passes, report.label_of);
   add(object, "edge_flipping", stages.edge_flipping);
+  add(object, "delaunay_tetrahedra", stages.delaunay_tets);
   add(object, "tetrahedra", stages.tetrahedra);
   if (stages.tetrahedra)
     object["tetrahedra"]["poor_tets"] =
@@ -185,6 +188,8 @@ Json results_json(const Report& report) {
   add(results, "quality", report.quality);
   add(results, "distances", report.distances);
   add(results, "checks", report.checks);
+  if (report.parameters.surface == SurfaceMethod::Delaunay) results["is_baseline"] = true;
+  if (!report.gates.empty()) results["gates"] = report.gates;
   results["stages"] = stages_json(report);
   return results;
 }

@@ -22,6 +22,8 @@ constexpr std::string_view kAnyKeys = "**";
 constexpr Tolerance kExact{};
 constexpr Tolerance kIgnored{.abs = 0, .rel = 0, .is_ignored = true};
 
+/// The bounds below, unless a comment tells otherwise: the largest difference between six seeds, on
+/// three phantoms of 400 to 600 surface vertices, and a quarter more.
 constexpr Tolerance within(double abs, double rel) {
   return {.abs = abs, .rel = rel, .is_ignored = false};
 }
@@ -112,36 +114,43 @@ const ToleranceRules& default_tolerances() {
       {"results.stages.epsilon_search.reached", within(0, 0.05)},
       {"results.stages.epsilon_search.epsilon", within(0, 0.05)},
       // Counts.
-      {"results.mesh.*", within(10, 0.05)},
+      {"results.mesh.*", within(15, 0.06)},
       {"results.particles.*", within(10, 0.05)},
       {"results.interfaces.*.particles", within(10, 0.05)},
       {"results.labels.*.particles", within(10, 0.05)},
       {"results.labels.*.surface_triangles", within(20, 0.05)},
       {"results.labels.*.tets", within(40, 0.08)},
       {"results.labels.*.share_below_three_facets", within(0.02, 0)},
-      // Volumes: voxels are input, a mesh cuts the corners of its curved parts.
+      // Volumes: those of the voxels are input.
       {"**.volume.voxels_mm3", within(0, 1e-9)},
-      {"**.volume.mesh_mm3", within(0, 0.005)},
-      {"**.volume.relative_error", within(0.005, 0)},
-      // Shapes.
-      {"**.quality.**.radius_ratio.*", within(0.03, 0)},
-      {"**.quality.**.radius_ratio.min", within(0.15, 0)},
-      {"**.quality.**.scaled_jacobian.*", within(0.03, 0)},
-      {"**.quality.**.scaled_jacobian.min", within(0.15, 0)},
-      {"**.quality.**.*_deg.*", within(2, 0)},
-      {"**.quality.**.*_deg.min", within(10, 0)},
-      {"**.quality.**.*_deg.max", within(10, 0)},
+      {"**.volume.mesh_mm3", within(0, 0.02)},
+      {"**.volume.relative_error", within(0.02, 0)},
+      // Shapes: the middle of a distribution, its tails, its extremes.
+      {"**.quality.**.radius_ratio.*", within(0.05, 0)},
+      {"**.quality.**.radius_ratio.p5", within(0.12, 0)},
+      {"**.quality.**.radius_ratio.p1", within(0.3, 0)},
+      {"**.quality.**.radius_ratio.min", within(0.3, 0)},
       {"**.quality.**.radius_ratio.count", within(40, 0.08)},
+      {"**.quality.**.scaled_jacobian.*", within(0.05, 0)},
+      {"**.quality.**.scaled_jacobian.p5", within(0.12, 0)},
+      {"**.quality.**.scaled_jacobian.p1", within(0.15, 0)},
+      {"**.quality.**.scaled_jacobian.min", within(0.2, 0)},
       {"**.quality.**.scaled_jacobian.count", within(40, 0.08)},
+      {"**.quality.**.*_deg.*", within(5, 0)},
+      {"**.quality.**.*_deg.p1", within(8, 0)},
+      {"**.quality.**.*_deg.p5", within(8, 0)},
+      {"**.quality.**.*_deg.p99", within(8, 0)},
+      {"**.quality.**.*_deg.min", within(15, 0)},
+      {"**.quality.**.*_deg.max", within(15, 0)},
       {"**.quality.**.*_deg.count", within(40, 0.08)},
-      {"**.quality.**.dihedral_histogram_10_deg.*", within(100, 0.15)},
+      {"**.quality.**.dihedral_histogram_10_deg.*", within(200, 0.3)},
       {"**.quality.**.below_*_deg", within(10, 0.25)},
       {"**.quality.**.above_*_deg", within(10, 0.25)},
       // Distances, in voxels.
-      {"**.distances.**", within(0.015, 0.08)},
-      {"**.distances.**.p95", within(0.05, 0.1)},
-      {"**.distances.**.max", within(0.2, 0.25)},
-      {"**.distances.**.hausdorff*", within(0.2, 0.25)},
+      {"**.distances.**", within(0.02, 0.12)},
+      {"**.distances.**.p95", within(0.05, 0.15)},
+      {"**.distances.**.max", within(0.65, 0.25)},
+      {"**.distances.**.hausdorff*", within(0.65, 0.25)},
       {"**.distances.**.samples", kIgnored},
       // Where the largest distance is, and how exactly it and the mean are known.
       {"**.distances.**.worst.**", kIgnored},

@@ -150,6 +150,13 @@ void to_json(Json& json, const FlipEdgesStats& stats) {
   json = {{"flips", stats.flips}, {"refused", stats.refused}, {"passes", stats.passes}};
 }
 
+void to_json(Json& json, const DelaunayTetsStats& stats) {
+  json = {{"particles", stats.particles},
+          {"unused_particles", stats.unused_particles},
+          {"delaunay_tets", stats.delaunay_tets},
+          {"flat_tets", stats.flat_tets}};
+}
+
 void to_json(Json& json, const TetrahedralizeStats& stats) {
   json = {{"switches", stats.switches},
           {"attempts", stats.attempts},
@@ -279,6 +286,12 @@ void to_json(Json& json, const Checks& checks) {
           {"labels_are_complete", checks.labels_are_complete},
           {"topology_as_lattice14", checks.topology_as_lattice14}};
   if (checks.tets_are_valid) json["tets_are_valid"] = *checks.tets_are_valid;
+}
+
+void to_json(Json& json, const GateResult& gate) {
+  json = {
+      {"gate", gate.gate}, {"bound", gate.bound}, {"value", gate.value}, {"passed", gate.passed}};
+  if (gate.label) json["label"] = *gate.label;
 }
 
 }  // namespace cvmesh
