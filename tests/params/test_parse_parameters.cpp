@@ -371,6 +371,12 @@ TEST_CASE("parameters_schema: describes each key of the table with its default",
   CHECK(gates["additionalProperties"] == false);
   CHECK(gates["properties"]["max_distance_vox"]["type"] == Json({"number", "null"}));
   CHECK(gates["properties"].size() == gate_table().size() + 1);  // and "comment"
+  for (const auto& info : gate_table()) {
+    INFO(info.key);
+    CHECK(gates["properties"][std::string(info.key)]["description"].get<std::string>().back() ==
+          '.');
+  }
+  CHECK_NOTHROW(schema.dump());  // all texts are UTF-8
   const Json& region = schema["properties"]["region_of_interest"];
   CHECK(region["type"] == Json({"array", "null"}));
   CHECK(region["minItems"] == 6);

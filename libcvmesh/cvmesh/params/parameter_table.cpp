@@ -427,9 +427,9 @@ const std::vector<ParameterInfo<QualityGates>>& gate_table() {
                  .min_is_exclusive = true,
                  .is_optional = true};
     };
-    constexpr char kLargest[] =
+    static constexpr char kLargest[] =
         "Largest distance between the mesh and the dense surface, in both directions.";
-    constexpr char kMean[] =
+    static constexpr char kMean[] =
         "Mean distance between the mesh and the dense surface, of both directions.";
     return std::vector<Row>{
         angle("min_dihedral_deg", "Smallest dihedral angle of all tets.",
