@@ -23,11 +23,15 @@ constexpr char kExamples[] =
     "  cvmesh mesh scan.nii.gz --set epsilon=4 --out mesh     coarser\n"
     "  cvmesh mesh scan.nii.gz --set target_vertices=20000    by the number of surface vertices\n"
     "  cvmesh metrics mesh.vtu scan.nii.gz                    judge a mesh of any program\n"
+    "  cvmesh compare old/scan.metrics.json new/scan.metrics.json\n"
+    "                                                         what changed, within tolerances?\n"
+    "  cvmesh summary runs --out runs.csv                     many runs in one table\n"
     "  cvmesh defaults > params.json                          a parameter file to start from\n"
     "  cvmesh schema                                          all parameters, as a JSON schema\n"
     "\n"
     "Exit codes: 0 ok, 1 internal error, 2 usage or parameter, 3 bad input, 4 a stage failed,\n"
-    "5 a quality gate was missed, 6 output cannot be written, 7 time or memory limit, 128+n signal "
+    "5 a quality gate was missed, or a comparison beyond tolerance, 6 output cannot be written, 7 "
+    "time or memory limit, 128+n signal "
     "n";
 
 constexpr char kMeshFooter[] =
@@ -139,6 +143,34 @@ void add_mesh_command(CLI::App& app,
   mesh->add_flag("-v,--verbose", options.is_verbose, "Say more")->excludes(quiet);
 }
 
+void add_compare_command(CLI::App& app, CompareCommand& command) {
+  CLI::App* compare = app.add_subcommand("compare", "Tell what changed between two reports");
+  compare->footer(
+      "Compares the results of B with those of A, value by value. Exit code 0 when every change "
+      "is\n"
+      "within its tolerance, 5 when one is beyond or a value is missing, 3 for a file that is no\n"
+      "report. `cvmesh defaults --tolerances` prints the tolerances.");
+  compare->add_option("A", command.a, "The report to compare with: NAME.metrics.json")->required();
+  compare->add_option("B", command.b, "The report that is judged")->required();
+  compare->add_option("--tolerances", command.tolerances_file,
+                      "Tolerances by path (JSON), over the built-in ones");
+  compare->add_option("--json", command.json_file, "Write the comparison to a file, too");
+  compare->add_flag("--timings", command.with_timings, "Compare seconds and memory, too");
+  CLI::Option* quiet =
+      compare->add_flag("-q,--quiet", command.is_quiet, "Only what is beyond its tolerance");
+  compare->add_flag("--all", command.is_all, "What did not change, too")->excludes(quiet);
+}
+
+void add_summary_command(CLI::App& app, SummaryCommand& command) {
+  CLI::App* summary = app.add_subcommand("summary", "Gather many runs in one CSV");
+  summary->footer(
+      "One row for each NAME.metrics.json and NAME.failed.json in the folders and below them. "
+      "Exit\n"
+      "code 0 when all runs succeeded, 5 when one failed, missed a gate or cannot be read.");
+  summary->add_option("DIR", command.folders, "Folders of results")->required();
+  summary->add_option("--out", command.out_file, "The CSV; default: standard output");
+}
+
 }  // namespace
 
 CliOutcome parse_command_line(int argc, char** argv) {
@@ -153,9 +185,13 @@ CliOutcome parse_command_line(int argc, char** argv) {
   std::vector<std::string> inputs;
   add_mesh_command(app, options, space, seed, inputs);
   CLI::App* metrics = add_metrics_command(app, options, metrics_space);
+  add_compare_command(app, options.compare);
+  add_summary_command(app, options.summary);
   CLI::App* schema = app.add_subcommand("schema", "Print the JSON schema of the parameter file");
   schema->add_flag("--metrics", options.schema_of_metrics, "That of the report, NAME.metrics.json");
   CLI::App* defaults = app.add_subcommand("defaults", "Print a parameter file with all defaults");
+  defaults->add_flag("--tolerances", options.is_of_tolerances,
+                     "The tolerances file of `cvmesh compare` instead");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -164,6 +200,8 @@ CliOutcome parse_command_line(int argc, char** argv) {
     return outcome;
   }
   if (*metrics) options.command = Command::Metrics;
+  if (app.got_subcommand("compare")) options.command = Command::Compare;
+  if (app.got_subcommand("summary")) options.command = Command::Summary;
   if (*schema) options.command = Command::Schema;
   if (*defaults) options.command = Command::Defaults;
   if (inputs.size() > 1)

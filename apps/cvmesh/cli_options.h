@@ -3,14 +3,16 @@
 
 #include "cvmesh/pipeline/pipeline.h"
 
+#include "compare_command.h"
 #include "metrics_command.h"
+#include "summary_command.h"
 #include <optional>
 #include <string>
 #include <vector>
 
 namespace cvmesh::app {
 
-enum class Command { Mesh, Metrics, Schema, Defaults };
+enum class Command { Mesh, Metrics, Compare, Summary, Schema, Defaults };
 
 struct MeshCommand {
   std::string input, params_file, label_names_file, sample_file, out_dir = ".";
@@ -25,7 +27,10 @@ struct CliOptions {
   Command command = Command::Mesh;
   MeshCommand mesh;
   MetricsCommand metrics;
-  int threads = 0;  ///< 0: as many as the machine, or the Slurm task, has
+  CompareCommand compare;
+  SummaryCommand summary;
+  bool is_of_tolerances = false;  ///< `defaults` of a tolerances file
+  int threads = 0;                ///< 0: as many as the machine, or the Slurm task, has
   bool is_quiet = false, is_verbose = false;
   bool schema_of_metrics = false;  ///< `schema` prints that of the report
 };

@@ -80,6 +80,8 @@ void ProgressBar::clear() {
 std::string summary_table(const RunResult& result) {
   const Report& report = result.report;
   std::string table = "\n";
+  if (report.parameters.surface == SurfaceMethod::Delaunay)
+    table += row("baseline", "Delaunay reconstruction, with its faults");
   table += row("labels", std::to_string(report.label_of.size() - 1));
   if (report.mesh) {
     if (report.mesh->tets > 0) table += row("tets", std::to_string(report.mesh->tets));
@@ -102,6 +104,9 @@ std::string summary_table(const RunResult& result) {
       table += row("smallest dihedral", fmt::format("{:.2f} degrees", tets.min_dihedral_deg.min));
     }
   }
+  for (const GateResult& gate : report.gates)
+    table += row("gate", fmt::format("{} {}: {:.4g}, bound {:g}", gate.gate,
+                                     gate.passed ? "kept" : "missed", gate.value, gate.bound));
   table += row("time", fmt::format("{:.1f} s on {} threads", report.total_seconds, report.threads));
   table += row("peak memory", fmt::format("{:.0f} MiB", report.peak_mb));
   for (const auto& file : result.files)

@@ -6,6 +6,7 @@
 #include "cvmesh/pipeline/pipeline.h"
 #include "cvmesh/pipeline/run_key.h"
 #include "cvmesh/report/metrics_schema.h"
+#include "cvmesh/report/report_tolerances.h"
 
 #include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
@@ -74,6 +75,8 @@ int run_mesh(const app::CliOptions& options) {
   try {
     const RunResult result = run_pipeline(request, context);
     if (!options.is_quiet) std::cerr << app::summary_table(result);
+    const std::string missed = missed_gates_message(result.report.gates);
+    require(missed.empty(), ErrorCode::QualityGate, "gates", missed);
   } catch (...) {
     bar.clear();
     throw;
@@ -99,10 +102,15 @@ int run(int argc, char** argv) {
       print(outcome.options.schema_of_metrics ? metrics_schema() : parameters_schema());
       return 0;
     case app::Command::Defaults:
-      print(parameters_to_json(Parameters{}));
+      print(outcome.options.is_of_tolerances ? tolerances_to_json(default_tolerances())
+                                             : parameters_to_json(Parameters{}));
       return 0;
     case app::Command::Metrics:
       return run_metrics(outcome.options);
+    case app::Command::Compare:
+      return app::run_compare(outcome.options.compare);
+    case app::Command::Summary:
+      return app::run_summary(outcome.options.summary);
     case app::Command::Mesh:
       break;
   }

@@ -114,7 +114,36 @@ TEST_CASE("validate: a pinched vertex is found", "[mesh][unit]") {
   const Validation v = validate(mesh, 2);
   CHECK(reports(v, "touches itself at vertex 0"));
   CHECK(v.faults.size() == 2);  // of the material and of the exterior
-  CHECK_FALSE(boundary_topology(mesh, 2)[1].is_closed_manifold);
+  const BoundaryTopology topology = boundary_topology(mesh, 2)[1];
+  CHECK_FALSE(topology.is_closed_manifold);
+  CHECK(topology.nonmanifold_edges == 0);
+  CHECK(topology.nonmanifold_vertices == 1);
+}
+
+TEST_CASE("boundary_topology: counts non-manifold edges, and vertices beside them",
+          "[mesh][unit]") {
+  InterfaceMesh mesh = pinched();
+  const auto count = [&] { return boundary_topology(mesh, 2)[1]; };
+  // A facet less: three edges with one facet each, and the pinched vertex stays one.
+  mesh.facets.pop_back();
+  mesh.patch_of.pop_back();
+  CHECK(count().nonmanifold_edges == 3);
+  CHECK(count().nonmanifold_vertices == 1);
+  // Two tetrahedra that share an edge: four facets there, and its ends are no faults of their own.
+  const std::array<std::int32_t, 3> first[] = {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}};
+  mesh = {};
+  mesh.points = {{0, 0, 0}, {0, 0, 1}, {1, 0, 0}, {1, 1, 0}, {-1, 0, 0}, {-1, -1, 0}};
+  for (const auto& facet : first)
+    for (const bool is_second : {false, true}) {
+      std::array<std::int32_t, 3> moved = facet;
+      for (std::int32_t& v : moved)
+        if (is_second && v > 1) v += 2;
+      mesh.facets.push_back(moved);
+      mesh.patch_of.push_back({{1, 0}, 0});
+    }
+  CHECK(count().nonmanifold_edges == 1);
+  CHECK(count().nonmanifold_vertices == 0);
+  CHECK_FALSE(count().is_closed_manifold);
 }
 
 TEST_CASE("validate: bad points, facets and materials are found", "[mesh][unit]") {

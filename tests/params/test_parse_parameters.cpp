@@ -265,17 +265,56 @@ TEST_CASE("parse_parameters: settings override the file", "[params][unit]") {
   CHECK(p.labels.at(2).epsilon == 0.5);
   CHECK(p.labels.at(3).name == "muscle");
 
+  // Gates, too, are set one by one; null takes one away.
+  const Parameters gated = parse(R"({"gates": {"min_dihedral_deg": 5, "max_distance_mm": 1}})",
+                                 {"gates.min_tet_quality=0.1", "gates.max_distance_mm=null"});
+  CHECK(gated.gates.min_dihedral_deg == 5.0);
+  CHECK(gated.gates.min_tet_quality == 0.1);
+  CHECK_FALSE(gated.gates.max_distance_mm);
+  CHECK(
+      refusal("{}", {"gates.min_angle=5"}).find("unknown key \"gates.min_angle\"; did you mean") !=
+      std::string::npos);
+
   CHECK(refusal("{}", {"epsilon"}) ==
         "parameters: --set: \"epsilon\" is not of the form key=value");
   CHECK(refusal("{}", {"label.2.epsilon=1"}).find("names no key") != std::string::npos);
   CHECK(refusal("{}", {"epsilon=-1"}).find("--set: epsilon (-1)") != std::string::npos);
 }
 
+TEST_CASE("parse_parameters: gates have bounds of their own, in their units", "[params][unit]") {
+  const Parameters p = parse(R"({"gates": {"max_dihedral_deg": 160, "max_volume_error_percent": 2,
+      "max_kept_vertices": 0, "comment": "x"}})");
+  CHECK(p.gates.max_dihedral_deg == 160.0);
+  CHECK(p.gates.max_volume_error_percent == 2.0);
+  CHECK(p.gates.max_kept_vertices == 0U);
+  CHECK_FALSE(p.gates.min_dihedral_deg);
+  CHECK(refusal(R"({"gates": {"min_dihedral_deg": 200}})")
+            .find("gates.min_dihedral_deg (200) must be at most 180") != std::string::npos);
+  CHECK(refusal(R"({"gates": {"max_kept_vertices": 0.5}})").find("must be a whole number") !=
+        std::string::npos);
+  CHECK(refusal(R"({"gates": [1]})").find("give an object like {\"min_dihedral_deg\": 10}") !=
+        std::string::npos);
+}
+
+TEST_CASE("parse_parameters: the Delaunay surface goes without what needs the dense one",
+          "[params][unit]") {
+  CHECK(parse(R"({"surface": "delaunay", "target_vertices": 500})").surface ==
+        SurfaceMethod::Delaunay);
+  for (const char* other : {R"("max_distance_vox": 1)", R"("max_distance_mm": 1)",
+                            R"("element_order": 2)", R"("schedule": "sequential")"}) {
+    const std::string message =
+        refusal((std::string(R"({"surface": "delaunay", )") + other + "}").c_str());
+    INFO(message);
+    CHECK(message.find("surface (\"delaunay\") does not go with ") != std::string::npos);
+  }
+}
+
 TEST_CASE("parameters_to_json: gives a file that parses to the same parameters", "[params][unit]") {
   const Parameters p = parse(R"({"target_vertices": 500, "labels": {"-3": {"name": "a"}},
     "region_of_interest": [1, 2, 3, 4, 5, 6], "merge_labels": {"2": [4, 3]},
     "interfaces": [{"labels": [3, -3], "epsilon": 2}],
-    "boxes": [{"box": [1, 2, 3, 4, 5, 6], "min_edge_mm": 2}]})");
+    "boxes": [{"box": [1, 2, 3, 4, 5, 6], "min_edge_mm": 2}],
+    "gates": {"min_tet_quality": 0.25}})");
   const Json json = parameters_to_json(p);
   CHECK(json["epsilon"].is_null());
   CHECK(json["region_of_interest"] == Json({1, 2, 3, 4, 5, 6}));
@@ -285,6 +324,8 @@ TEST_CASE("parameters_to_json: gives a file that parses to the same parameters",
   CHECK(json["interfaces"][0]["max_edge_mm"].is_null());
   CHECK(json["boxes"][0]["box"] == Json({1, 2, 3, 4, 5, 6}));
   CHECK(json["boxes"][0]["min_edge_mm"] == 2.0);
+  CHECK(json["gates"]["min_tet_quality"] == 0.25);
+  CHECK(json["gates"]["max_distance_mm"].is_null());
   CHECK(parameters_to_json(parse_parameters(json, "again")) == json);
 }
 
@@ -325,6 +366,17 @@ TEST_CASE("parameters_schema: describes each key of the table with its default",
   CHECK(schema["properties"]["epsilon"]["exclusiveMinimum"] == 0);
   CHECK(schema["properties"]["seeding"]["enum"] == Json({"front", "dense"}));
   CHECK(schema["properties"]["schedule"]["enum"] == Json({"lock-step", "sequential"}));
+  const Json& gates = schema["properties"]["gates"];
+  CHECK(gates["type"] == "object");
+  CHECK(gates["additionalProperties"] == false);
+  CHECK(gates["properties"]["max_distance_vox"]["type"] == Json({"number", "null"}));
+  CHECK(gates["properties"].size() == gate_table().size() + 1);  // and "comment"
+  for (const auto& info : gate_table()) {
+    INFO(info.key);
+    CHECK(gates["properties"][std::string(info.key)]["description"].get<std::string>().back() ==
+          '.');
+  }
+  CHECK_NOTHROW(schema.dump());  // all texts are UTF-8
   const Json& region = schema["properties"]["region_of_interest"];
   CHECK(region["type"] == Json({"array", "null"}));
   CHECK(region["minItems"] == 6);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/io/json_io.h"
 
-#include "cvmesh/core/error.h"
 #include "cvmesh/io/atomic_file.h"
 
 #include <nlohmann/json.hpp>
@@ -20,9 +19,11 @@ namespace {
 constexpr std::size_t kMaxBytes = std::size_t{64} << 20;  // far above any parameter file or report
 constexpr int kMaxDepth = 200;
 
-std::string read_text(const std::filesystem::path& path) {
+std::string read_text(const std::filesystem::path& path,
+                      ErrorCode error,
+                      const std::string& stage) {
   const auto refuse = [&](const std::string& why) {
-    throw Error(ErrorCode::BadParameter, "parameters", "'" + path.string() + "' " + why);
+    throw Error(error, stage, "'" + path.string() + "' " + why);
   };
   std::error_code code;
   if (!std::filesystem::exists(path, code)) refuse("does not exist; check the path");
@@ -34,7 +35,8 @@ std::string read_text(const std::filesystem::path& path) {
   std::vector<char> block(std::size_t{1} << 16);
   while (const std::size_t count = std::fread(block.data(), 1, block.size(), file.get())) {
     text.append(block.data(), count);
-    if (text.size() > kMaxBytes) refuse("is larger than 64 MiB; that is no parameter file");
+    if (text.size() > kMaxBytes)
+      refuse("is larger than 64 MiB; that is no parameter file and no report");
   }
   if (std::ferror(file.get())) refuse("cannot be read: " + std::generic_category().message(errno));
   return text;
@@ -61,20 +63,22 @@ void write_json(const std::filesystem::path& path, const nlohmann::ordered_json&
   file.commit();
 }
 
-nlohmann::ordered_json read_json(const std::filesystem::path& path) {
-  const std::string text = read_text(path);
+nlohmann::ordered_json read_json(const std::filesystem::path& path,
+                                 ErrorCode code,
+                                 const std::string& stage) {
+  const std::string text = read_text(path, code, stage);
   // The parser keeps the last of two equal keys without a word; a user would wonder which counts.
   std::vector<std::set<std::string>> keys;
   using Event = nlohmann::ordered_json::parse_event_t;
   const auto watch = [&](int depth, Event event, nlohmann::ordered_json& parsed) {
-    require(depth <= kMaxDepth, ErrorCode::BadParameter, "parameters",
+    require(depth <= kMaxDepth, code, stage,
             "'" + path.string() + "' is nested deeper than " + std::to_string(kMaxDepth) +
-                " levels; that is no parameter file");
+                " levels; that is no parameter file and no report");
     if (event == Event::object_start) keys.emplace_back();
     if (event == Event::object_end) keys.pop_back();
     if (event == Event::key) {
       const auto key = parsed.get<std::string>();
-      require(keys.back().insert(key).second, ErrorCode::BadParameter, "parameters",
+      require(keys.back().insert(key).second, code, stage,
               "'" + path.string() + "' names the key \"" + key +
                   "\" twice in one object; remove one of the two");
     }
@@ -88,7 +92,7 @@ nlohmann::ordered_json read_json(const std::filesystem::path& path) {
     const std::size_t colon = what.find(": ");
     if (colon != std::string::npos) what.erase(0, colon + 2);
     throw Error(
-        ErrorCode::BadParameter, "parameters",
+        code, stage,
         "'" + path.string() + "' is no valid JSON at " + place(text, error.byte) + ": " + what);
   }
 }

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/core/error.h"
+
 #include <nlohmann/json_fwd.hpp>
 
 #include <filesystem>
+#include <string>
 
 namespace cvmesh {
 
@@ -15,8 +18,12 @@ void write_json(const std::filesystem::path& path, const nlohmann::ordered_json&
 
 /// The JSON document in a file, keys in the order of the file.
 ///
-/// @throws Error BadParameter when the file cannot be read, is no JSON (told by line and column),
+/// @param code   of the errors, for files that are no parameters
+/// @param stage  of the errors
+/// @throws Error of that code when the file cannot be read, is no JSON (told by line and column),
 ///         or names a key twice in one object
-nlohmann::ordered_json read_json(const std::filesystem::path& path);
+nlohmann::ordered_json read_json(const std::filesystem::path& path,
+                                 ErrorCode code = ErrorCode::BadParameter,
+                                 const std::string& stage = "parameters");
 
 }  // namespace cvmesh

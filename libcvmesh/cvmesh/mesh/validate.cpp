@@ -10,6 +10,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <map>
 #include <numeric>
 #include <span>
 #include <utility>
@@ -177,6 +178,36 @@ std::vector<std::int32_t> find_pinched(const std::vector<Triangle>& triangles,
   return result;
 }
 
+// The same where edges may have any number of facets: vertices whose facets hang together in more
+// than one group, facets with a common edge at the vertex being of one group.
+std::size_t count_pinched(const std::vector<Triangle>& triangles, std::size_t point_count) {
+  std::vector<std::vector<std::array<std::int32_t, 2>>> links(point_count);
+  for (const Triangle& t : triangles)
+    for (int c = 0; c < 3; ++c)
+      links[t[c]].push_back({t[(c + 1) % 3], t[(c + 2) % 3]});
+  std::size_t pinched = 0;
+  std::map<std::int32_t, std::int32_t> group;
+  for (const auto& link : links) {
+    group.clear();
+    const auto find = [&](std::int32_t w) {
+      while (group.at(w) != w)
+        w = group.at(w);
+      return w;
+    };
+    std::size_t groups = 0;
+    for (const auto& [a, b] : link) {
+      groups += group.try_emplace(a, a).second ? 1 : 0;
+      groups += group.try_emplace(b, b).second ? 1 : 0;
+      const std::int32_t first = find(a), second = find(b);
+      if (first == second) continue;
+      group[second] = first;
+      --groups;
+    }
+    pinched += groups > 1 ? 1 : 0;
+  }
+  return pinched;
+}
+
 // Vertices in use, and their connected components.
 class VertexSets {
  public:
@@ -244,6 +275,9 @@ BoundaryReport inspect(const std::vector<Triangle>& triangles, std::size_t point
   // Fans can only be walked where every edge leads on.
   if (has_good_edges) report.pinched_vertices = find_pinched(triangles, twin, point_count);
   report.topology.is_closed_manifold = has_good_edges && report.pinched_vertices.empty();
+  report.topology.nonmanifold_edges = report.bad_edges.size();
+  report.topology.nonmanifold_vertices =
+      has_good_edges ? report.pinched_vertices.size() : count_pinched(triangles, point_count);
   return report;
 }
 

@@ -23,8 +23,10 @@ struct Validation {
 /// Topology of one material's boundary surface.
 struct BoundaryTopology {
   std::size_t components = 0;
-  long long euler = 0;              ///< V - E + F
-  bool is_closed_manifold = false;  ///< every edge in two facets, every vertex link one cycle
+  long long euler = 0;                   ///< V - E + F
+  bool is_closed_manifold = false;       ///< every edge in two facets, every vertex link one cycle
+  std::size_t nonmanifold_edges = 0;     ///< not in exactly two facets
+  std::size_t nonmanifold_vertices = 0;  ///< two parts of the surface meet in the vertex only
 };
 
 /// One entry per material id.

@@ -15,6 +15,7 @@ constexpr std::string_view kSeedings[] = {"front", "dense"};
 constexpr std::string_view kTargetSizes[] = {"deviation", "feature_size"};
 constexpr std::string_view kOnDegenerate[] = {"keep", "fail"};
 constexpr std::string_view kSchedules[] = {"lock-step", "sequential"};
+constexpr std::string_view kSurfaceMethods[] = {"decimation", "delaunay"};
 
 /// Integers up to here survive every JSON reader (2^53).
 constexpr double kLargestInteger = 9007199254740992.0;
@@ -258,6 +259,13 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .field = CVMESH_FIELD(distribute_particles.max_sweeps),
        .min = 0,
        .max = 10000},
+      {.key = "surface",
+       .doc = "\"decimation\" thins the dense surfaces out to the particles and keeps their "
+              "topology; \"delaunay\" takes the faces between labels of the particles' Delaunay "
+              "tets, labelled at their circumcentres: a baseline whose topology may fail, which is "
+              "reported and ends no run.",
+       .field = CVMESH_FIELD(surface),
+       .choices = kSurfaceMethods},
       {.key = "schedule",
        .doc = "\"lock-step\" thins all material surfaces out together; \"sequential\" each on its "
               "own and flips edges until they are conformal, as the paper does: a baseline that "
@@ -322,6 +330,10 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
       {.key = "sample",
        .doc = "With --sample: density and elastic modulus from the image.",
        .field = CVMESH_FIELD(sample)},
+      {.key = "gates",
+       .doc = "Bounds that the finished mesh is to keep: {\"min_dihedral_deg\": 10}. A mesh that "
+              "misses one is written all the same; the report tells, and the exit code is 5.",
+       .field = CVMESH_FIELD(gates)},
       {.key = "tetgen_time_limit_s",
        .unit = "s",
        .doc = "Time limit of one TetGen run.",
@@ -440,6 +452,69 @@ const std::vector<ParameterInfo<SampleParameters>>& sample_parameter_table() {
        .min = 0,
        .max = 9999},
   };
+  return table;
+}
+
+const std::vector<ParameterInfo<QualityGates>>& gate_table() {
+  static const std::vector<ParameterInfo<QualityGates>> table = [] {
+    using Row = ParameterInfo<QualityGates>;
+    const auto angle = [](std::string_view key, std::string_view doc, auto field) {
+      return Row{.key = key,
+                 .unit = "degrees",
+                 .doc = doc,
+                 .field = field,
+                 .min = 0,
+                 .max = 180,
+                 .is_optional = true};
+    };
+    const auto shape = [](std::string_view key, std::string_view doc, auto field) {
+      return Row{.key = key, .doc = doc, .field = field, .min = 0, .max = 1, .is_optional = true};
+    };
+    const auto distance = [](std::string_view key, std::string_view unit, std::string_view doc,
+                             double most, auto field) {
+      return Row{.key = key,
+                 .unit = unit,
+                 .doc = doc,
+                 .field = field,
+                 .min = 0,
+                 .max = most,
+                 .min_is_exclusive = true,
+                 .is_optional = true};
+    };
+    static constexpr char kLargest[] =
+        "Largest distance between the mesh and the dense surface, in both directions.";
+    static constexpr char kMean[] =
+        "Mean distance between the mesh and the dense surface, of both directions.";
+    return std::vector<Row>{
+        angle("min_dihedral_deg", "Smallest dihedral angle of all tets.",
+              CVMESH_FIELD(min_dihedral_deg)),
+        angle("max_dihedral_deg", "Largest dihedral angle of all tets.",
+              CVMESH_FIELD(max_dihedral_deg)),
+        shape("min_tet_quality", "Smallest 3r/R of all tets; 1 is regular, 0 flat.",
+              CVMESH_FIELD(min_tet_quality)),
+        shape("min_scaled_jacobian", "Smallest scaled Jacobian of all tets.",
+              CVMESH_FIELD(min_scaled_jacobian)),
+        Row{.key = "max_volume_error_percent",
+            .unit = "%",
+            .doc = "Largest difference between a label's volume in the mesh and in the voxels.",
+            .field = CVMESH_FIELD(max_volume_error_percent),
+            .min = 0,
+            .max = 1e6,
+            .is_optional = true},
+        distance("max_distance_mm", "mm", kLargest, kMostMm, CVMESH_FIELD(max_distance_mm)),
+        distance("max_distance_vox", "voxels", kLargest, kMostVoxels,
+                 CVMESH_FIELD(max_distance_vox)),
+        distance("max_mean_distance_mm", "mm", kMean, kMostMm, CVMESH_FIELD(max_mean_distance_mm)),
+        distance("max_mean_distance_vox", "voxels", kMean, kMostVoxels,
+                 CVMESH_FIELD(max_mean_distance_vox)),
+        Row{.key = "max_kept_vertices",
+            .unit = "vertices",
+            .doc = "Vertices of the dense surface that had to stay although they are no particles.",
+            .field = CVMESH_FIELD(max_kept_vertices),
+            .min = 0,
+            .max = kLargestInteger,
+            .is_optional = true}};
+  }();
   return table;
 }
 

@@ -25,6 +25,7 @@ using ParameterField = std::variant<bool*,
                                     Seeding*,
                                     OnDegenerate*,
                                     Schedule*,
+                                    SurfaceMethod*,
                                     VoxelBox*,
                                     std::optional<VoxelBox>*,
                                     std::optional<GridSpacing>*,
@@ -35,7 +36,8 @@ using ParameterField = std::variant<bool*,
                                     std::vector<InterfaceParameters>*,
                                     std::vector<BoxParameters>*,
                                     std::vector<std::array<LabelReference, 2>>*,
-                                    SampleParameters*>;
+                                    SampleParameters*,
+                                    QualityGates*>;
 
 /// One key of the parameter file. The parser, the JSON schema, the defaults and the messages all
 /// read this; the default is what `field` holds in a fresh `Owner`.
@@ -67,5 +69,7 @@ const std::vector<ParameterInfo<BoxParameters>>& box_parameter_table();
 
 /// The keys of "sample".
 const std::vector<ParameterInfo<SampleParameters>>& sample_parameter_table();
+/// The keys of "gates".
+const std::vector<ParameterInfo<QualityGates>>& gate_table();
 
 }  // namespace cvmesh

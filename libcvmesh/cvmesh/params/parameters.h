@@ -70,6 +70,23 @@ enum class TargetSizes {
   FeatureSize,  ///< in proportion to the local feature size, as with a given epsilon
 };
 
+/// How the material surfaces come from the particles.
+enum class SurfaceMethod {
+  Decimation,  ///< the dense surfaces, thinned out to the particles: their topology
+  Delaunay,    ///< faces between the labels of the particles' Delaunay tets: a baseline
+};
+
+/// Bounds that a finished mesh is to keep; one that misses any is written all the same.
+struct QualityGates {
+  std::optional<double> min_dihedral_deg, max_dihedral_deg;  ///< of all tets
+  std::optional<double> min_tet_quality;                     ///< 3r/R
+  std::optional<double> min_scaled_jacobian;
+  std::optional<double> max_volume_error_percent;                     ///< of every label
+  std::optional<double> max_distance_mm, max_distance_vox;            ///< to the dense surface
+  std::optional<double> max_mean_distance_mm, max_mean_distance_vox;  ///< to the dense surface
+  std::optional<std::size_t> max_kept_vertices;
+};
+
 /// Everything that decides a mesh besides the label volume: the options of all stages, whose
 /// defaults are the defaults of the parameter file. The JSON keys are listed in
 /// `parameter_table()`; labels are the user's values here, material ids only inside a run.
@@ -92,6 +109,7 @@ struct Parameters {
   std::optional<GridSpacing> grid_spacing_mm;
 
   Schedule schedule = Schedule::LockStep;
+  SurfaceMethod surface = SurfaceMethod::Decimation;
 
   CleanLabelsOptions clean_labels;
   TightenOptions tighten;
@@ -104,6 +122,7 @@ struct Parameters {
   TetrahedralizeOptions tetrahedralize;
   int element_order = 1;         ///< 2: with nodes on the edges
   bool curved_elements = false;  ///< those on the surface move onto the dense surface
+  QualityGates gates;
 };
 
 }  // namespace cvmesh

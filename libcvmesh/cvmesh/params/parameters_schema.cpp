@@ -138,6 +138,7 @@ Json parameters_schema() {
   Json sample = entry_schema(sample_parameter_table());
   sample["properties"]["labels"]["items"] = label_value();
   properties["sample"].update(sample);
+  properties["gates"].update(entry_schema(gate_table()));
   properties["comment"] = {{"description", "Ignored; for notes of any type."}};
 
   // How sparse the mesh is, in one way only.

@@ -24,6 +24,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr char kCommentKey[] = "comment";
+constexpr char kGatesKey[] = "gates";
 
 [[noreturn]] void refuse(const std::string& source, const std::string& message) {
   throw Error(ErrorCode::BadParameter, "parameters", source + ": " + message);
@@ -197,6 +198,7 @@ std::vector<InterfaceParameters> read_interfaces(const Place& place, const Json&
 std::vector<BoxParameters> read_boxes(const Place& place, const Json& value);
 std::vector<std::array<LabelReference, 2>> read_contacts(const Place& place, const Json& value);
 SampleParameters read_sample(const Place& place, const Json& value);
+QualityGates read_gates(const Place& place, const Json& value);
 
 /// Reads `value` into the field of `owner` that `info` describes.
 template <typename Owner>
@@ -239,6 +241,8 @@ void read_parameter(const ParameterInfo<Owner>& info,
           *field = read_contacts(place, value);
         } else if constexpr (std::is_same_v<Value, SampleParameters>) {
           *field = read_sample(place, value);
+        } else if constexpr (std::is_same_v<Value, QualityGates>) {
+          *field = read_gates(place, value);
         } else if constexpr (std::is_same_v<Value, VoxelBox> ||
                              std::is_same_v<Value, std::optional<VoxelBox>>) {
           *field = read_voxel_box(place, value);
@@ -381,6 +385,10 @@ SampleParameters read_sample(const Place& place, const Json& value) {
   return sample;
 }
 
+QualityGates read_gates(const Place& place, const Json& value) {
+  return read_entry(gate_table(), place, value, "{\"min_dihedral_deg\": 10}");
+}
+
 bool is_set(const Json& object, const char* key) {
   return object.contains(key) && !object[key].is_null();
 }
@@ -415,24 +423,29 @@ Json parse_settings(const std::vector<std::string>& settings, const std::string&
     const std::size_t last = path.rfind('.');
     if (first == std::string::npos) {
       object[path] = value;
+    } else if (path.substr(0, first) == kGatesKey && first == last) {
+      object[kGatesKey][path.substr(first + 1)] = value;
     } else {
       if (path.substr(0, first) != "labels" || first == last)
-        refuse(source,
-               fmt::format("\"{}\" names no key; nested keys are labels.<label>.<key>", path));
+        refuse(source, fmt::format("\"{}\" names no key; nested keys are labels.<label>.<key> and "
+                                   "gates.<key>",
+                                   path));
       object["labels"][path.substr(first + 1, last - first - 1)][path.substr(last + 1)] = value;
     }
   }
   return object;
 }
 
-/// `settings` over `file`: whole keys, except that entries of "labels" are merged key by key.
+/// `settings` over `file`: whole keys, except that entries of "labels" and of "gates" are merged
+/// key by key.
 Json merged(Json file, const Json& settings) {
   for (const char* asked : kScaleKeys)
     if (is_set(settings, asked))
       for (const char* other : kScaleKeys)
         if (other != asked) file.erase(other);
   for (const auto& [key, value] : settings.items()) {
-    if (key == "labels" && value.is_object() && file.contains(key) && file[key].is_object())
+    if ((key == "labels" || key == kGatesKey) && value.is_object() && file.contains(key) &&
+        file[key].is_object())
       file[key].merge_patch(value);
     else
       file[key] = value;
@@ -494,6 +507,20 @@ void check_boxes(const Parameters& parameters, const std::string& source) {
   }
 }
 
+/// The Delaunay baseline has no surface that could be refined or lifted onto the dense one.
+void check_surface_method(const Parameters& parameters, const std::string& source) {
+  if (parameters.surface != SurfaceMethod::Delaunay) return;
+  const auto refuse_with = [&](const std::string& key) {
+    refuse(
+        source,
+        fmt::format("surface (\"delaunay\") does not go with {}; leave one of the two out", key));
+  };
+  if (parameters.max_distance_mm) refuse_with("max_distance_mm");
+  if (parameters.max_distance_vox) refuse_with("max_distance_vox");
+  if (parameters.element_order > 1) refuse_with("element_order 2");
+  if (parameters.schedule == Schedule::Sequential) refuse_with("schedule (\"sequential\")");
+}
+
 /// Checks that need more than one key, and what one key says to several stages.
 void finish(Parameters& parameters, const std::string& source) {
   parameters.flip_edges.deviation_vox = parameters.decimate.deviation_vox;
@@ -507,6 +534,7 @@ void finish(Parameters& parameters, const std::string& source) {
   }
   check_interfaces(parameters, source);
   check_boxes(parameters, source);
+  check_surface_method(parameters, source);
 }
 
 template <typename Owner>
@@ -556,6 +584,8 @@ Json to_json_value(const ParameterInfo<Owner>& info, Owner& owner) {
           return to_json_array(*field);
         } else if constexpr (std::is_same_v<Value, SampleParameters>) {
           return to_json_object(sample_parameter_table(), *field);
+        } else if constexpr (std::is_same_v<Value, QualityGates>) {
+          return to_json_object(gate_table(), *field);
         } else if constexpr (std::is_same_v<Value, std::optional<double>> ||
                              std::is_same_v<Value, std::optional<std::size_t>> ||
                              std::is_same_v<Value, std::optional<std::string>>) {

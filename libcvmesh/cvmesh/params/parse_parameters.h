@@ -19,7 +19,8 @@ namespace cvmesh {
 ///
 /// @param file      the parameter file's object; an empty object for the defaults
 /// @param source    name of the file in messages
-/// @param settings  "key=value" or "labels.<label>.key=value", the later the stronger; a value
+/// @param settings  "key=value", "labels.<label>.key=value" or "gates.key=value", the later the
+///                  stronger; a value
 ///                  that is no JSON is taken as a string
 /// @throws Error BadParameter naming source, key, value, bound and way out
 Parameters parse_parameters(const nlohmann::ordered_json& file,

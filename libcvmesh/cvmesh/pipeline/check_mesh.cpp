@@ -119,4 +119,39 @@ Checks check_mesh(const LabelVolume& labels,
   return checks;
 }
 
+Checks inspect_mesh(const LabelVolume& labels,
+                    const std::vector<MaterialTopology>& topology,
+                    const InterfaceMesh& surface,
+                    const TetMesh* tets) {
+  Checks checks;
+  checks.labels_are_complete = checks.topology_as_lattice14 = true;
+  for (std::size_t m = 1; m < labels.material_count(); ++m) {
+    const MaterialTopology& t = topology[m];
+    if (t.mesh_components != t.voxels.components) checks.labels_are_complete = false;
+    if (!topology_fault(t).empty()) checks.topology_as_lattice14 = false;
+  }
+  checks.surface_is_valid = validate(surface, labels.material_count()).is_valid();
+  checks.surface_intersections = find_intersections(surface, kMostIntersections).size();
+  if (tets != nullptr) checks.tets_are_valid = validate(*tets, labels.material_count()).is_valid();
+  return checks;
+}
+
+std::string topology_fault(const MaterialTopology& t) {
+  if (t.mesh.components == 0) return "is lost";
+  std::string faults;
+  const auto add = [&](const std::string& fault) {
+    faults += (faults.empty() ? "" : ", ") + fault;
+  };
+  if (t.mesh.nonmanifold_edges > 0)
+    add(fmt::format("{} edges are in more or fewer than two facets", t.mesh.nonmanifold_edges));
+  if (t.mesh.nonmanifold_vertices > 0)
+    add(fmt::format("it touches itself in {} vertices", t.mesh.nonmanifold_vertices));
+  if (t.mesh_components != t.voxels.components)
+    add(fmt::format("{} components instead of {}", t.mesh_components, t.voxels.components));
+  if (t.mesh.euler != 2 * t.voxels.euler)
+    add(fmt::format("Euler number of the boundary {} instead of {}", t.mesh.euler,
+                    2 * t.voxels.euler));
+  return faults;
+}
+
 }  // namespace cvmesh

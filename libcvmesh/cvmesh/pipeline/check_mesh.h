@@ -6,7 +6,8 @@
 #include "cvmesh/mesh/tet_mesh.h"
 #include "cvmesh/report/report.h"
 
-#include <optional>
+#include <cstddef>
+#include <string>
 #include <vector>
 
 namespace cvmesh {
@@ -24,5 +25,18 @@ Checks check_mesh(const LabelVolume& labels,
                   const std::vector<MaterialTopology>& topology,
                   const InterfaceMesh& surface,
                   const TetMesh* tets);
+
+/// The same checks, told and not demanded: for the mesh of a baseline. Of pairs of facets that
+/// intersect at most `kMostIntersections` are counted.
+Checks inspect_mesh(const LabelVolume& labels,
+                    const std::vector<MaterialTopology>& topology,
+                    const InterfaceMesh& surface,
+                    const TetMesh* tets);
+
+inline constexpr std::size_t kMostIntersections = 1000;
+
+/// How the boundary of a material in the mesh differs from its voxels, in words; empty where it
+/// does not.
+std::string topology_fault(const MaterialTopology& topology);
 
 }  // namespace cvmesh

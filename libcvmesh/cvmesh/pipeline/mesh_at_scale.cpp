@@ -10,6 +10,7 @@
 #include "cvmesh/pipeline/surface_sampler.h"
 #include "cvmesh/pipeline/write_stages.h"
 #include "cvmesh/surface/measure_deviation.h"
+#include "cvmesh/tet/delaunay_tets.h"
 
 #include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
@@ -161,6 +162,23 @@ TetMesh fill(Run& run,
   return std::move(filled.tets);
 }
 
+/// The Delaunay reconstruction from the particles, instead of `sparsen` and `fill`.
+TetMesh reconstruct(Run& run, const ParticleSet& particles, const LevelSets& level_sets) {
+  DelaunayTetsResult result = run.stage.run(
+      stage_names::kDelaunay, [&] { return delaunay_tets(particles, level_sets, run.context); },
+      [](const DelaunayTetsResult& r) {
+        return fmt::format("baseline: {} of {} Delaunay tets are in a label, {} facets",
+                           r.tets.tets.size(), r.stats.delaunay_tets, r.tets.surface.facets.size());
+      });
+  run.report.stages.delaunay_tets = result.stats;
+  if (run.request.surface_only) {
+    result.tets.points = result.tets.surface.points;
+    result.tets.tets.clear();
+    result.tets.material_of.clear();
+  }
+  return std::move(result.tets);
+}
+
 /// Everything that one setting of the sizes leads to.
 struct Round {
   Sampling sampling;
@@ -169,10 +187,19 @@ struct Round {
 };
 
 /// The mesh of the given sizes.
-Round mesh_once(Run& run, const LabelVolume& labels, const Dense& dense, Sampling sampling) {
+/// @param level_sets  read by the Delaunay reconstruction only
+Round mesh_once(Run& run,
+                const LabelVolume& labels,
+                const Dense& dense,
+                const LevelSets& level_sets,
+                Sampling sampling) {
   Round round;
-  round.sparse = sparsen(run, labels, dense, sampling.particles, kInfinity);
-  round.tets = fill(run, labels, round.sparse.surface, sampling.sizing_field);
+  if (run.request.parameters.surface == SurfaceMethod::Delaunay) {
+    round.tets = reconstruct(run, sampling.particles, level_sets);
+  } else {
+    round.sparse = sparsen(run, labels, dense, sampling.particles, kInfinity);
+    round.tets = fill(run, labels, round.sparse.surface, sampling.sizing_field);
+  }
   round.sampling = std::move(sampling);
   return round;
 }
@@ -181,6 +208,7 @@ Round mesh_once(Run& run, const LabelVolume& labels, const Dense& dense, Samplin
 Round mesh_to_tets(Run& run,
                    const LabelVolume& labels,
                    const Dense& dense,
+                   const LevelSets& level_sets,
                    const SizingOptions& options,
                    SurfaceSampler& sampler,
                    std::size_t target) {
@@ -195,7 +223,8 @@ Round mesh_to_tets(Run& run,
   StageResults best_stages;
   double best_error = kInfinity;
   const auto actual = [&](double factor) {
-    Round round = mesh_once(run, labels, dense, sampler.sample(scaled(options, factor)));
+    Round round =
+        mesh_once(run, labels, dense, level_sets, sampler.sample(scaled(options, factor)));
     const double count = static_cast<double>(round.tets.tets.size());
     const double error = std::abs(count - wanted);
     if (error < best_error) {
@@ -299,7 +328,8 @@ void write_stages(Run& run, const Dense& dense, const Round& round) {
                      dense.mesh, run.mm_to_out, run.space);
   write_particles(run.outputs.add_stage("particles.vtp"), round.sampling.particles, run.mm_to_out,
                   run.space);
-  write_off(run.outputs.add_stage("augmented.off"), round.sparse.augmented, run.mm_to_out);
+  if (!round.sparse.augmented.facets.empty())
+    write_off(run.outputs.add_stage("augmented.off"), round.sparse.augmented, run.mm_to_out);
   write_off(run.outputs.add_stage("sparse.off"), round.tets.surface, run.mm_to_out);
 }
 
@@ -317,7 +347,8 @@ TetMesh mesh_at_scale(Run& run,
                                         std::move(medial_axis));
   Round round;
   if (parameters.target_tets) {
-    round = mesh_to_tets(run, labels, dense, options, *sampler, *parameters.target_tets);
+    round =
+        mesh_to_tets(run, labels, dense, level_sets, options, *sampler, *parameters.target_tets);
   } else if (parameters.max_distance_mm) {
     round = mesh_to_distance(run, labels, dense, options, *sampler, "max_distance_mm",
                              *parameters.max_distance_mm, 1);
@@ -331,8 +362,8 @@ TetMesh mesh_at_scale(Run& run,
                             : sampler->sample(options);
     // The largest things in memory, and nothing below reads them.
     sampler.reset();
-    level_sets = {};
-    round = mesh_once(run, labels, dense, std::move(sampling));
+    if (parameters.surface == SurfaceMethod::Decimation) level_sets = {};
+    round = mesh_once(run, labels, dense, level_sets, std::move(sampling));
   }
   warn_of_coarse_parts(run, labels, *run.report.stages.sizing_field);
   run.report.particle_counts =

@@ -25,6 +25,7 @@
 #include "cvmesh/pipeline/warning_log.h"
 #include "cvmesh/pipeline/write_results.h"
 #include "cvmesh/pipeline/write_stages.h"
+#include "cvmesh/report/check_gates.h"
 #include "cvmesh/report/html_report.h"
 #include "cvmesh/report/report_json.h"
 #include "cvmesh/tet/second_order.h"
@@ -202,8 +203,9 @@ void move_to_native_grid(
   shift(tets.surface.points, offset);
   for (GuardedPlace& place : run.report.stages.tightening->guarded)
     place.position += offset;
-  for (KeptVertex& vertex : run.report.stages.decimation->kept)
-    vertex.position += offset;
+  if (run.report.stages.decimation)
+    for (KeptVertex& vertex : run.report.stages.decimation->kept)
+      vertex.position += offset;
   run.mm_to_out = mm_to_space(native.frame(), run.space);
 }
 
@@ -222,6 +224,20 @@ void add_mid_nodes(Run& run, const InterfaceMesh& dense, TetMesh& tets) {
       });
 }
 
+/// Says of a baseline what it is, and which labels it fails.
+void warn_of_baseline(Run& run) {
+  if (!is_baseline(run)) return;
+  run.context.log->warn(
+      "surface is \"delaunay\": this mesh is a baseline, written with its faults; \"decimation\" "
+      "keeps the topology");
+  for (std::size_t m = 1; m < run.report.topology.size(); ++m) {
+    const std::string fault = topology_fault(run.report.topology[m]);
+    if (!fault.empty())
+      run.context.log->warn("{}: label {} ({}) {}", stage_names::kDelaunay, run.report.label_of[m],
+                            run.report.name_of[m], fault);
+  }
+}
+
 void measure(Run& run, const LabelVolume& labels, const InterfaceMesh& dense, const TetMesh& tets) {
   const std::size_t material_count = labels.material_count();
   Report& report = run.report;
@@ -232,8 +248,9 @@ void measure(Run& run, const LabelVolume& labels, const InterfaceMesh& dense, co
         report.topology = measure_topology(labels, dense, tets.surface);
         report.mesh = count_mesh(tets, material_count);
         report_progress(run.context, stage_names::kMetrics, 0.1);
-        report.checks = check_mesh(labels, report.topology, tets.surface,
-                                   run.request.surface_only ? nullptr : &tets);
+        const auto check = is_baseline(run) ? &inspect_mesh : &check_mesh;
+        report.checks = check(labels, report.topology, tets.surface,
+                              run.request.surface_only ? nullptr : &tets);
         report_progress(run.context, stage_names::kMetrics, 0.3);
         report.quality = run.request.surface_only ? measure_quality(tets.surface, material_count)
                                                   : measure_quality(tets, material_count);
@@ -241,6 +258,7 @@ void measure(Run& run, const LabelVolume& labels, const InterfaceMesh& dense, co
         report_progress(run.context, stage_names::kMetrics, 0.5);
         report.distances =
             measure_surface_fidelity(tets.surface, &dense, nullptr, labels, {}, run.context);
+        report.gates = check_gates(report);
         return 0;
       },
       [&](int) {
@@ -286,10 +304,22 @@ void run_stages(Run& run) {
   resampled.reset();
   add_mid_nodes(run, dense.mesh, tets);
   measure(run, native, dense.mesh, tets);
+  warn_of_baseline(run);
   cut_contacts(run, native, tets);
   add_samples(run, native, tets);
   write_results(run, native, tets);
   write_html_report(run, native, dense.mesh, tets);
+}
+
+/// Gates that a run to the surfaces could neither keep nor miss.
+void refuse_gates_of_tets(const QualityGates& gates) {
+  const std::vector<std::string> keys = gates_of_tets(gates);
+  if (keys.empty()) return;
+  std::string list;
+  for (const std::string& key : keys)
+    list += fmt::format("{}gates.{}", list.empty() ? "" : ", ", key);
+  throw Error(ErrorCode::BadParameter, "parameters",
+              list + " cannot be measured without tets; set to null, or leave --surface-only out");
 }
 
 /// Any exception as an `Error` that names the stage.
@@ -335,6 +365,7 @@ RunResult run_pipeline(const RunRequest& request, const StageContext& given) {
                 fmt::format("target_tets ({}) cannot be met by surfaces; give target_vertices, or "
                             "leave --surface-only out",
                             *request.parameters.target_tets));
+  if (request.surface_only) refuse_gates_of_tets(request.parameters.gates);
   if (!request.surface_only) find_tetgen_helper();  // a missing helper ends the run here, not late
 
   OutputFolder outputs(request.out_dir, input_stem(request.input));

@@ -27,4 +27,9 @@ struct Dense {
   Strata strata;
 };
 
+/// The mesh is a baseline, written with its faults.
+inline bool is_baseline(const Run& run) {
+  return run.request.parameters.surface == SurfaceMethod::Delaunay;
+}
+
 }  // namespace cvmesh

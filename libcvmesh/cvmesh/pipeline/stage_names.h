@@ -19,6 +19,7 @@ inline constexpr char kInsertion[] = "insertion";
 inline constexpr char kDecimation[] = "decimation";
 inline constexpr char kEdgeConformity[] = "edge conformity";  // sequential schedule only
 inline constexpr char kEdgeFlipping[] = "edge flipping";
+inline constexpr char kDelaunay[] = "Delaunay tetrahedra";  // surface "delaunay" only
 inline constexpr char kTetrahedra[] = "tetrahedra";
 inline constexpr char kSecondOrder[] = "second-order nodes";  // element_order 2 only
 inline constexpr char kMetrics[] = "metrics";

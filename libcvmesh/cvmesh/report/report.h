@@ -17,12 +17,14 @@
 #include "cvmesh/metrics/volume_error.h"
 #include "cvmesh/params/parameters.h"
 #include "cvmesh/particles/distribute_particles.h"
+#include "cvmesh/report/check_gates.h"
 #include "cvmesh/report/particle_counts.h"
 #include "cvmesh/sizing/compute_sizing_field.h"
 #include "cvmesh/surface/conform_edges.h"
 #include "cvmesh/surface/decimate.h"
 #include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/surface/insert_particles.h"
+#include "cvmesh/tet/delaunay_tets.h"
 #include "cvmesh/tet/second_order.h"
 #include "cvmesh/tet/split_contacts.h"
 #include "cvmesh/tet/tetrahedralize.h"
@@ -87,6 +89,7 @@ struct StageResults {
   std::optional<DecimateStats> decimation;
   std::optional<ConformEdgesStats> edge_conformity;  ///< only of the sequential schedule
   std::optional<FlipEdgesStats> edge_flipping;
+  std::optional<DelaunayTetsStats> delaunay_tets;  ///< only of that baseline
   std::optional<TetrahedralizeStats> tetrahedra;
   std::optional<SecondOrderStats> second_order;
   std::optional<SplitContactsStats> contacts;
@@ -149,8 +152,9 @@ struct Report {
   std::vector<VolumeError> volumes;
   std::vector<MaterialTopology> topology;
   std::optional<Checks> checks;
-  std::optional<JudgedMesh> judged;  ///< only of a mesh that was judged
+  std::optional<JudgedMesh> judged;   ///< only of a mesh that was judged
   std::vector<std::string> warnings;  ///< of the log, in order
+  std::vector<GateResult> gates;      ///< those of the parameters
 
   std::vector<StageTiming> timings;  ///< in order of first run
   double total_seconds = 0;

@@ -42,7 +42,9 @@ Json boundary_json(const BoundaryTopology& boundary, std::size_t components) {
   return {{"components", components},
           {"boundary_components", boundary.components},
           {"boundary_euler", boundary.euler},
-          {"is_closed_manifold", boundary.is_closed_manifold}};
+          {"is_closed_manifold", boundary.is_closed_manifold},
+          {"nonmanifold_edges", boundary.nonmanifold_edges},
+          {"nonmanifold_vertices", boundary.nonmanifold_vertices}};
 }
 
 Json topology_json(const MaterialTopology& t) {
@@ -169,6 +171,7 @@ Json stages_json(const Report& report) {
     object["edge_conformity"]["pairs"] =
         pairs_json(stages.edge_conformity->passes, report.label_of);
   add(object, "edge_flipping", stages.edge_flipping);
+  add(object, "delaunay_tetrahedra", stages.delaunay_tets);
   add(object, "tetrahedra", stages.tetrahedra);
   if (stages.tetrahedra)
     object["tetrahedra"]["poor_tets"] =
@@ -192,6 +195,8 @@ Json results_json(const Report& report) {
   if (report.distances) results["distances"] = distances_json(report);
   add(results, "checks", report.checks);
   results["warnings"] = report.warnings;
+  if (report.parameters.surface == SurfaceMethod::Delaunay) results["is_baseline"] = true;
+  if (!report.gates.empty()) results["gates"] = report.gates;
   results["stages"] = stages_json(report);
   return results;
 }

@@ -150,6 +150,13 @@ void to_json(Json& json, const FlipEdgesStats& stats) {
   json = {{"flips", stats.flips}, {"refused", stats.refused}, {"passes", stats.passes}};
 }
 
+void to_json(Json& json, const DelaunayTetsStats& stats) {
+  json = {{"particles", stats.particles},
+          {"unused_particles", stats.unused_particles},
+          {"delaunay_tets", stats.delaunay_tets},
+          {"flat_tets", stats.flat_tets}};
+}
+
 void to_json(Json& json, const TetrahedralizeStats& stats) {
   json = {{"switches", stats.switches},
           {"attempts", stats.attempts},
@@ -284,6 +291,12 @@ void to_json(Json& json, const JudgedMesh& judged) {
           {"other_elements", judged.other_elements},
           {"unused_points", judged.unused_points},
           {"tet_faults", judged.faults}};
+}
+
+void to_json(Json& json, const GateResult& gate) {
+  json = {
+      {"gate", gate.gate}, {"bound", gate.bound}, {"value", gate.value}, {"passed", gate.passed}};
+  if (gate.label) json["label"] = *gate.label;
 }
 
 }  // namespace cvmesh

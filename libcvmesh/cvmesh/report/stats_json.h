@@ -29,6 +29,7 @@ void to_json(nlohmann::ordered_json& json, const EdgeConformity& conformity);
 /// The sums; the passes go where their labels are known.
 void to_json(nlohmann::ordered_json& json, const ConformEdgesStats& stats);
 void to_json(nlohmann::ordered_json& json, const FlipEdgesStats& stats);
+void to_json(nlohmann::ordered_json& json, const DelaunayTetsStats& stats);
 void to_json(nlohmann::ordered_json& json, const TetrahedralizeStats& stats);
 /// The counts; the places go where their labels are known.
 void to_json(nlohmann::ordered_json& json, const DihedralAngles& angles);
@@ -47,5 +48,6 @@ void to_json(nlohmann::ordered_json& json, const VolumeError& volume);
 void to_json(nlohmann::ordered_json& json, const Checks& checks);
 void to_json(nlohmann::ordered_json& json, const TetFaults& faults);
 void to_json(nlohmann::ordered_json& json, const JudgedMesh& judged);
+void to_json(nlohmann::ordered_json& json, const GateResult& gate);
 
 }  // namespace cvmesh
