@@ -306,18 +306,18 @@ VtkValues VtkFile::values(const VtkArray& array, std::size_t count) const {
   if (bytes_of_type(type) == 0) refuse(where + "has the type '" + type.substr(0, 40) + "'");
   if (format == "binary" || format == "appended") return from_bytes(bytes_of(array, count), type);
   VtkValues values;
-  TextScanner scanner(path_, text_);
-  scanner.seek(static_cast<std::size_t>(array.text.data() - text_.data()));
-  const std::size_t end = scanner.position() + array.text.size();
   if (count > array.text.size())
     refuse(where + "has fewer than " + std::to_string(count) + " values");
+  if (count == 0) return values;
+  // From the start of the file, so that messages tell its lines, to the end of the array.
+  const auto first = static_cast<std::size_t>(array.text.data() - text_.data());
+  TextScanner scanner(path_, text_.substr(0, first + array.text.size()));
+  scanner.seek(first);
   for (std::size_t i = 0; i < count; ++i) {
     if (type == "Float32" || type == "Float64")
       values.reals.push_back(scanner.real("a value"));
     else
       values.integers.push_back(scanner.integer("a value"));
-    if (scanner.position() > end)
-      refuse(where + "has fewer than " + std::to_string(count) + " values");
   }
   return values;
 }
