@@ -29,18 +29,6 @@ namespace {
 // A mesh whose box is this many times the volume's, or does not meet it, is in other coordinates.
 constexpr double kLargestBox = 10;
 
-Affine inverse(const Affine& map) {
-  const Vec3 &a = map.rows[0], &b = map.rows[1], &c = map.rows[2];
-  const double d = map.determinant();
-  require(d != 0, ErrorCode::BadInput, stage_names::kRead,
-          "the volume's axes lie in one plane: its coordinates cannot be turned into voxels");
-  // The columns of the inverse are the cross products of the rows.
-  const Vec3 u = cross(b, c) / d, v = cross(c, a) / d, w = cross(a, b) / d;
-  Affine result{{Vec3{u.x, v.x, w.x}, Vec3{u.y, v.y, w.y}, Vec3{u.z, v.z, w.z}}, {}};
-  result.offset = -result.linear(map.offset);
-  return result;
-}
-
 bool has_label_0(const TetFile& file) {
   return std::find(file.label_of.begin(), file.label_of.end(), 0) != file.label_of.end();
 }

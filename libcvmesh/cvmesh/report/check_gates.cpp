@@ -40,7 +40,7 @@ struct Gate {
 
 /// The distances that gates bound.
 const SurfaceDistance& to_dense(const Report& report) {
-  return report.distances->to_dense.overall;
+  return report.distances->to_dense->overall;
 }
 
 constexpr Gate kGates[] = {
@@ -54,9 +54,9 @@ constexpr Gate kGates[] = {
      [](const Report& r) -> Measured { return {r.quality->tets.scaled_jacobian.min}; }},
     {"max_volume_error_percent", true, &largest_volume_error_percent},
     {"max_distance_mm", false,
-     [](const Report& r) -> Measured { return {to_dense(r).mm.hausdorff_lower_bound()}; }},
+     [](const Report& r) -> Measured { return {to_dense(r).mm.hausdorff_upper_bound()}; }},
     {"max_distance_vox", false,
-     [](const Report& r) -> Measured { return {to_dense(r).voxels.hausdorff_lower_bound()}; }},
+     [](const Report& r) -> Measured { return {to_dense(r).voxels.hausdorff_upper_bound()}; }},
     {"max_mean_distance_mm", false,
      [](const Report& r) -> Measured { return {to_dense(r).mm.mean_symmetric()}; }},
     {"max_mean_distance_vox", false,
