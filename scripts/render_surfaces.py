@@ -29,6 +29,7 @@ def parse_arguments():
     parser.add_argument("--lift", type=float, default=15, metavar="DEGREES")
     parser.add_argument("--part", type=float, nargs=2, default=[0, 1], metavar=("FROM", "TO"),
                         help="the part of the height that is shown, from 0 to 1")
+    parser.add_argument("--edges", action="store_true", help="draw the edges of the .off surfaces")
     parser.add_argument("--size", default="400x600", metavar="WxH", help="pixels of each picture")
     return parser.parse_args()
 
@@ -126,6 +127,9 @@ def main():
         actor.GetProperty().SetInterpolationToFlat()
         actor.GetProperty().SetAmbient(0.1)
         actor.GetProperty().SetDiffuse(0.9)
+        if arguments.edges and path.endswith(".off"):
+            actor.GetProperty().EdgeVisibilityOn()
+            actor.GetProperty().SetEdgeColor(0.25, 0.22, 0.18)
         renderer = vtkRenderer()
         renderer.SetBackground(1, 1, 1)
         renderer.SetViewport(place / len(arguments.inputs), 0,
