@@ -21,6 +21,7 @@ constexpr char kExamples[] =
     "  cvmesh mesh scan.nii.gz --params ct.json --out mesh    with a parameter file\n"
     "  cvmesh mesh scan.nii.gz --set epsilon=4 --out mesh     coarser\n"
     "  cvmesh mesh scan.nii.gz --set target_vertices=20000    by the number of surface vertices\n"
+    "  cvmesh check scan.nii.gz                               labels, forecast of time and memory\n"
     "  cvmesh defaults > params.json                          a parameter file to start from\n"
     "  cvmesh schema                                          all parameters, as a JSON schema\n"
     "\n"
@@ -52,11 +53,33 @@ const std::map<std::string, MeshFormat>& formats_by_name() {
   return formats;
 }
 
+/// What every command that reads a label volume takes.
+void add_reader_options(CLI::App& command, std::string& input, ReadVolumeOptions& read) {
+  command.add_option("LABELS", input, "Label volume: .nii .nii.gz .mha .mhd .nrrd")->required();
+  command.add_option("--volume", read.volume, "Which volume of a 4-D file, from 0")
+      ->check(CLI::NonNegativeNumber);
+  command.add_flag("--allow-shear", read.allow_shear,
+                   "Take axes that are more than 1 % off a right angle");
+  command.add_flag("--allow-detached", read.allow_detached,
+                   "Follow a header to voxels in a file beside it");
+}
+
+void add_check_command(CLI::App& app, CliOptions& options) {
+  CLI::App* check = app.add_subcommand(
+      "check", "Read and validate a label volume, print its labels and what meshing would take");
+  add_reader_options(*check, options.check.input, options.check.read);
+  check->add_option("--params", options.check.params_file, "Parameter file (JSON)");
+  check->add_option("--set", options.check.settings, "key=value, over the parameter file")
+      ->allow_extra_args(false);
+  check->add_option("--threads", options.threads, "Number of threads of the run that is forecast")
+      ->check(CLI::Range(1, 4096));
+  check->add_flag("--json", options.check.as_json, "Print JSON");
+}
+
 void add_mesh_command(CLI::App& app, CliOptions& options, std::string& space, std::string& seed) {
   CLI::App* mesh = app.add_subcommand("mesh", "Mesh a label volume");
   mesh->footer(kMeshFooter);
-  mesh->add_option("LABELS", options.mesh.input, "Label volume: .nii .nii.gz .mha .mhd .nrrd")
-      ->required();
+  add_reader_options(*mesh, options.mesh.input, options.mesh.read);
   mesh->add_option("--params", options.mesh.params_file,
                    "Parameter file (JSON); default: defaults");
   mesh->add_option("--out", options.mesh.out_dir, "Folder of the results, made if needed")
@@ -80,6 +103,12 @@ void add_mesh_command(CLI::App& app, CliOptions& options, std::string& space, st
   mesh->add_option("--threads", options.threads,
                    "Number of threads; default: SLURM_CPUS_PER_TASK or all cores")
       ->check(CLI::Range(1, 4096));
+  mesh->add_flag("--force", options.mesh.force, "Replace the results of an earlier run");
+  mesh->add_option("--time-limit", options.mesh.limits.time_s, "Most seconds of the run")
+      ->check(CLI::PositiveNumber);
+  mesh->add_option("--memory-limit", options.mesh.limits.memory_mb,
+                   "Most resident memory of the run, in MiB")
+      ->check(CLI::PositiveNumber);
   mesh->add_flag("--keep-stages", options.mesh.keep_stages,
                  "Write each stage's result to OUT/stages");
   mesh->add_flag("--surface-only", options.mesh.surface_only, "Stop before the tets")
@@ -100,6 +129,7 @@ CliOutcome parse_command_line(int argc, char** argv) {
 
   std::string space, seed;
   add_mesh_command(app, options, space, seed);
+  add_check_command(app, options);
   CLI::App* schema = app.add_subcommand("schema", "Print the JSON schema of the parameter file");
   CLI::App* defaults = app.add_subcommand("defaults", "Print a parameter file with all defaults");
   try {
@@ -109,6 +139,7 @@ CliOutcome parse_command_line(int argc, char** argv) {
     outcome.exit_code = app.exit(error) == 0 ? 0 : static_cast<int>(ErrorCode::BadParameter);
     return outcome;
   }
+  if (app.got_subcommand("check")) options.command = Command::Check;
   if (*schema) options.command = Command::Schema;
   if (*defaults) options.command = Command::Defaults;
   options.mesh.space = space_of(space);
@@ -116,16 +147,23 @@ CliOutcome parse_command_line(int argc, char** argv) {
   return outcome;
 }
 
+Parameters read_parameters(const std::string& file, const std::vector<std::string>& settings) {
+  const nlohmann::ordered_json json =
+      file.empty() ? nlohmann::ordered_json::object() : read_json(file);
+  return parse_parameters(json, "'" + file + "'", settings);
+}
+
 RunRequest make_request(const MeshCommand& command) {
-  const nlohmann::ordered_json file = command.params_file.empty() ? nlohmann::ordered_json::object()
-                                                                  : read_json(command.params_file);
   RunRequest request;
   request.input = command.input;
   request.out_dir = command.out_dir;
-  request.parameters = parse_parameters(file, "'" + command.params_file + "'", command.settings);
+  request.parameters = read_parameters(command.params_file, command.settings);
   request.space = command.space;
   request.keep_stages = command.keep_stages;
   request.surface_only = command.surface_only;
+  request.force = command.force;
+  request.read = command.read;
+  request.limits = command.limits;
   request.formats.clear();
   for (const std::string& name : command.formats)
     request.formats.insert(formats_by_name().at(name));

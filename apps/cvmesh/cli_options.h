@@ -3,25 +3,29 @@
 
 #include "cvmesh/pipeline/pipeline.h"
 
+#include "check_command.h"
 #include <optional>
 #include <string>
 #include <vector>
 
 namespace cvmesh::app {
 
-enum class Command { Mesh, Schema, Defaults };
+enum class Command { Mesh, Check, Schema, Defaults };
 
 struct MeshCommand {
   std::string input, params_file, out_dir = ".";
   std::optional<Space> space;         ///< empty: the input's own
   std::vector<std::string> settings;  ///< "key=value", `--seed N` among them
   std::vector<std::string> formats = {"vtu", "mesh"};
-  bool keep_stages = false, surface_only = false;
+  bool keep_stages = false, surface_only = false, force = false;
+  ReadVolumeOptions read;
+  RunLimits limits;
 };
 
 struct CliOptions {
   Command command = Command::Mesh;
   MeshCommand mesh;
+  CheckCommand check;
   int threads = 0;  ///< 0: as many as the machine, or the Slurm task, has
   bool is_quiet = false, is_verbose = false;
 };
@@ -34,6 +38,10 @@ struct CliOutcome {
 };
 
 CliOutcome parse_command_line(int argc, char** argv);
+
+/// The parameters of a file ("" for none) with "key=value" settings over it.
+/// @throws Error BadParameter
+Parameters read_parameters(const std::string& file, const std::vector<std::string>& settings);
 
 /// The run that a mesh command asks for: parameter file read, settings applied.
 /// @throws Error BadParameter

@@ -12,7 +12,9 @@
 #include "cvmesh/io/tet_writer.h"
 #include "cvmesh/io/volume_reader.h"
 #include "cvmesh/levelset/resample_labels.h"
+#include "cvmesh/metrics/voxel_features.h"
 #include "cvmesh/pipeline/check_mesh.h"
+#include "cvmesh/pipeline/forecast.h"
 #include "cvmesh/pipeline/label_options.h"
 #include "cvmesh/pipeline/mesh_at_scale.h"
 #include "cvmesh/pipeline/output_folder.h"
@@ -60,7 +62,7 @@ InputVolume read(Run& run) {
       stage_names::kRead,
       [&] {
         std::vector<std::string> warnings;
-        InputVolume read_volume = read_label_volume(run.request.input, &warnings);
+        InputVolume read_volume = read_label_volume(run.request.input, &warnings, run.request.read);
         for (const std::string& warning : warnings)
           run.context.log->warn("{}", warning);
         return read_volume;
@@ -261,16 +263,17 @@ void require_positive(Run& run, const TetMesh& tets) {
                       turned, space_name(run.space)));
 }
 
-void write_tets(Run& run, const LabelVolume& labels, const TetMesh& tets) {
-  struct Writer {
-    MeshFormat format;
-    const char* suffix;
-    decltype(&write_vtu) write;
-  };
+struct Writer {
+  MeshFormat format;
+  const char* suffix;
+  decltype(&write_vtu) write;
+};
 
-  constexpr std::array<Writer, 3> kWriters = {{{MeshFormat::Vtu, ".vtu", &write_vtu},
-                                               {MeshFormat::Mesh, ".mesh", &write_medit},
-                                               {MeshFormat::Inp, ".inp", &write_inp}}};
+constexpr std::array<Writer, 3> kWriters = {{{MeshFormat::Vtu, ".vtu", &write_vtu},
+                                             {MeshFormat::Mesh, ".mesh", &write_medit},
+                                             {MeshFormat::Inp, ".inp", &write_inp}}};
+
+void write_tets(Run& run, const LabelVolume& labels, const TetMesh& tets) {
   const std::set<MeshFormat>& formats = run.request.formats;
   std::size_t written = 0;
   for (const Writer& writer : kWriters) {
@@ -295,8 +298,30 @@ void write(Run& run, const LabelVolume& labels, const TetMesh& tets) {
       [](std::size_t files) { return fmt::format("{} files", files); });
 }
 
+/// A run that cannot keep its limits is better refused now than stopped after an hour. Forecasts
+/// are good to a factor of two, machines differ, too: what may still fit is tried.
+void check_limits(Run& run, const LabelVolume& labels) {
+  constexpr double kMemoryDoubt = 2, kTimeDoubt = 4;
+  const RunLimits& limits = run.request.limits;
+  if (limits.memory_mb <= 0 && limits.time_s <= 0) return;
+  const Forecast forecast = make_forecast(labels, measure_voxel_features(labels),
+                                          run.request.parameters, run.report.threads);
+  const auto refuse = [&](const char* what, double need, double bound, const char* unit,
+                          const char* option) {
+    throw Error(ErrorCode::Limit, stage_names::kLabels,
+                fmt::format("the run needs about {:.3g} {} of {}, far above the limit of {:g} {}; "
+                            "raise {}, crop the volume by region_of_interest, or raise epsilon",
+                            need, unit, what, bound, unit, option));
+  };
+  if (limits.memory_mb > 0 && forecast.memory_mb > kMemoryDoubt * limits.memory_mb)
+    refuse("memory", forecast.memory_mb, limits.memory_mb, "MiB", "--memory-limit");
+  if (limits.time_s > 0 && forecast.seconds > kTimeDoubt * limits.time_s)
+    refuse("time", forecast.seconds, limits.time_s, "s", "--time-limit");
+}
+
 void run_stages(Run& run) {
   const LabelVolume native = read_and_clean(run);
+  check_limits(run, native);
   check_boxes(run);
   warn_of_absent_labels(run, native);
   std::optional<ResampleLabelsResult> resampled = resample(run, native);
@@ -326,17 +351,50 @@ Error as_error(const std::exception_ptr& pointer, const std::string& stage) {
   }
 }
 
+int signal_of(const RunRequest& request) {
+  return request.signal == nullptr ? 0 : request.signal->load();
+}
+
+/// A cancel by a signal, told as such.
+Error with_signal(const Error& error, const RunRequest& request) {
+  const int signal = signal_of(request);
+  if (signal == 0) return error;
+  return {ErrorCode::Limit, error.stage(),
+          fmt::format("stopped by signal {}; nothing but the failure file was written", signal)};
+}
+
 /// Why the run failed goes into a file, too; if even that cannot be written, the error itself
 /// still says it.
 void write_failure(const OutputFolder& outputs,
                    const Report& report,
                    const Error& error,
+                   int signal,
                    const StageContext& context) {
   try {
-    write_json(outputs.failure_file(), failure_json(report, error));
+    write_json(outputs.failure_file(), failure_json(report, error, signal));
   } catch (const std::exception& second) {
     context.log->warn("{}", second.what());
   }
+}
+
+OutputPlan plan_of(const RunRequest& request) {
+  OutputPlan plan{.suffixes = {".surface.vtp", ".metrics.json"},
+                  .has_stages = request.keep_stages,
+                  .replace = request.force};
+  for (const Writer& writer : kWriters)
+    if (!request.surface_only && request.formats.count(writer.format) != 0)
+      plan.suffixes.emplace_back(writer.suffix);
+  return plan;
+}
+
+Report empty_report(const RunRequest& request) {
+  Report report;
+  report.version = kVersion;
+  report.parameters = request.parameters;
+  report.input.file = request.input.filename().string();
+  report.threads = static_cast<int>(
+      tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism));
+  return report;
 }
 
 }  // namespace
@@ -355,14 +413,20 @@ RunResult run_pipeline(const RunRequest& request, const StageContext& given) {
                             *request.parameters.target_tets));
   if (!request.surface_only) find_tetgen_helper();  // a missing helper ends the run here, not late
 
-  OutputFolder outputs(request.out_dir, input_stem(request.input));
-  Report report;
-  report.version = kVersion;
-  report.parameters = request.parameters;
-  report.input.file = request.input.filename().string();
-  report.threads = static_cast<int>(
-      tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism));
+  OutputFolder outputs(request.out_dir, input_stem(request.input), plan_of(request));
+  Report report = empty_report(request);
   StageRunner stage(context, report);
+  const Report as_begun = report;
+  const Watchdog watchdog(
+      request.limits, given.cancel, [&] { return stage.current(); },
+      request.on_stuck ? [&](const Error& error) {
+        // The stages' thread still works on its report; the one from the start is safe to read.
+        const Error told = with_signal(error, request);
+        write_failure(outputs, as_begun, told, signal_of(request), context);
+        outputs.abandon();
+        request.on_stuck(told);
+      } : Watchdog::Stuck());
+  context.cancel = watchdog.stop_flag();
   Run run{request, context, outputs, report, stage};
   try {
     run_stages(run);
@@ -370,10 +434,11 @@ RunResult run_pipeline(const RunRequest& request, const StageContext& given) {
     write_json(outputs.add(".metrics.json"), report_json(report));
     return {std::move(report), outputs.files()};
   } catch (...) {
-    const Error error = as_error(std::current_exception(), stage.current());
+    const Error caught = as_error(std::current_exception(), stage.current());
+    const Error error = with_signal(watchdog.limit_reached().value_or(caught), request);
     outputs.discard();
     report.total_seconds = timer.seconds();
-    write_failure(outputs, report, error, context);
+    write_failure(outputs, report, error, signal_of(request), context);
     throw error;
   }
 }
