@@ -51,8 +51,11 @@ TEST_CASE("random_volumes: a seed means the same volume every time, and labels a
   CHECK(kinds.size() == random_volumes::kKinds);
 }
 
-TEST_CASE("run_pipeline: random volumes end valid, with every label",
+TEST_CASE("run_pipeline: random volumes end valid with every label, or are refused",
           "[pipeline][property][slow]") {
+  // TetGen fails on some surfaces of voxel noise; more than a few would be another fault.
+  constexpr int kMostRefused = 1;
+  int refused = 0;
   for (int sample = 0; sample < 2 * random_volumes::kKinds; ++sample) {
     const auto kind = static_cast<Kind>(sample % random_volumes::kKinds);
     const bool is_second = sample >= random_volumes::kKinds;
@@ -61,7 +64,18 @@ TEST_CASE("run_pipeline: random volumes end valid, with every label",
         is_second ? std::array{9, 14, 11} : std::array{12, 8, 10}, is_second ? 9 : 3);
     CAPTURE(sample, random.description());
     const test_data::TemporaryFolder folder;
-    const Report report = run_pipeline(request_for(folder, random.volume), silent_context()).report;
+    Report report;
+    try {
+      report = run_pipeline(request_for(folder, random.volume), silent_context()).report;
+    } catch (const Error& error) {
+      CAPTURE(error.what());
+      CHECK(error.code() == ErrorCode::StageFailed);
+      CHECK(error.stage() == "tetrahedra");
+      CHECK(std::filesystem::exists(folder / "out/a.failed.json"));
+      CHECK_FALSE(std::filesystem::exists(folder / "out/a.mesh"));
+      ++refused;
+      continue;
+    }
     REQUIRE(report.checks);
     CHECK(report.checks->labels_are_complete);
     CHECK(report.checks->topology_as_lattice14);
@@ -73,4 +87,5 @@ TEST_CASE("run_pipeline: random volumes end valid, with every label",
     for (std::size_t m = 1; m < report.label_of.size(); ++m)
       CHECK(report.mesh->tets_of[m] > 0);
   }
+  CHECK(refused <= kMostRefused);
 }
