@@ -17,6 +17,8 @@
 #include <chrono>
 #include <csignal>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <string>
 #include <sys/mount.h>
 #include <thread>
@@ -47,7 +49,9 @@ int marked_processes(const std::string& mark) {
   std::error_code error;
   for (const auto& entry : fs::directory_iterator("/proc", error)) {
     // A dead process that nobody has waited for has an empty environment.
-    const std::string environment = image_files::read_file(entry.path() / "environ");
+    // What is no process, or not ours, cannot be read.
+    std::ifstream file(entry.path() / "environ", std::ios::binary);
+    const std::string environment{std::istreambuf_iterator<char>(file), {}};
     if (environment.find(std::string(kMark) + "=" + mark) != std::string::npos) ++count;
   }
   return count;
