@@ -10,5 +10,5 @@ cd "$(dirname "$0")/.."
 scripts/build.sh release
 mkdir -p out
 build/release/bin/cvmesh-phantom femur --size "${1:-small}" --out out/femur.nii.gz
-build/release/bin/cvmesh mesh out/femur.nii.gz --params examples/params/femur.json --out out
+build/release/bin/cvmesh mesh out/femur.nii.gz --params examples/params/femur.json --out out --force
 echo "the mesh: out/femur.vtu (ParaView, 3D Slicer); its report: out/femur.metrics.json"

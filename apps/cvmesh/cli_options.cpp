@@ -26,6 +26,7 @@ constexpr char kExamples[] =
     "  cvmesh compare old/scan.metrics.json new/scan.metrics.json\n"
     "                                                         what changed, within tolerances?\n"
     "  cvmesh summary runs --out runs.csv                     many runs in one table\n"
+    "  cvmesh check scan.nii.gz                               labels, forecast of time and memory\n"
     "  cvmesh defaults > params.json                          a parameter file to start from\n"
     "  cvmesh schema                                          all parameters, as a JSON schema\n"
     "\n"
@@ -73,13 +74,36 @@ void add_threads_option(CLI::App& command, CliOptions& options) {
       ->check(CLI::Range(1, 4096));
 }
 
+/// What every command that reads a label volume takes.
+/// @param input  a string; or several, where more than one are refused later
+template <typename Input>
+void add_reader_options(CLI::App& command, Input& input, ReadVolumeOptions& read) {
+  command.add_option("LABELS", input, "Label volume: .nii .nii.gz .mha .mhd .nrrd")->required();
+  command.add_option("--volume", read.volume, "Which volume of a 4-D file, from 0")
+      ->check(CLI::NonNegativeNumber);
+  command.add_flag("--allow-shear", read.allow_shear,
+                   "Take axes that are more than 1 % off a right angle");
+  command.add_flag("--allow-detached", read.allow_detached,
+                   "Follow a header to voxels in a file beside it");
+}
+
+void add_check_command(CLI::App& app, CliOptions& options) {
+  CLI::App* check = app.add_subcommand(
+      "check", "Read and validate a label volume, print its labels and what meshing would take");
+  add_reader_options(*check, options.check.input, options.check.read);
+  check->add_option("--params", options.check.params_file, "Parameter file (JSON)");
+  check->add_option("--set", options.check.settings, "key=value, over the parameter file")
+      ->allow_extra_args(false);
+  add_threads_option(*check, options);
+  check->add_flag("--json", options.check.as_json, "Print JSON");
+}
+
 CLI::App* add_metrics_command(CLI::App& app, CliOptions& options, std::string& space) {
   CLI::App* metrics = app.add_subcommand("metrics", "Judge a mesh of tets against a label volume");
   metrics->footer(kMetricsFooter);
   MetricsCommand& command = options.metrics;
   metrics->add_option("MESH", command.mesh, "Tets: .vtu, .mesh (Medit) or .msh (Gmsh)")->required();
-  metrics->add_option("LABELS", command.labels, "Label volume: .nii .nii.gz .mha .mhd .nrrd")
-      ->required();
+  add_reader_options(*metrics, command.labels, command.read);
   metrics->add_option("--truth", command.truth,
                       "True surface in the mesh's coordinates: .off, .ply or .stl");
   metrics->add_option("--params", command.params_file,
@@ -104,7 +128,7 @@ void add_mesh_command(CLI::App& app,
                       std::vector<std::string>& inputs) {
   CLI::App* mesh = app.add_subcommand("mesh", "Mesh a label volume");
   mesh->footer(kMeshFooter);
-  mesh->add_option("LABELS", inputs, "Label volume: .nii .nii.gz .mha .mhd .nrrd")->required();
+  add_reader_options(*mesh, inputs, options.mesh.read);
   mesh->add_option("--params", options.mesh.params_file,
                    "Parameter file (JSON); default: defaults");
   mesh->add_option("--label-names", options.mesh.label_names_file,
@@ -134,6 +158,12 @@ void add_mesh_command(CLI::App& app,
   add_threads_option(*mesh, options);
   mesh->add_flag("--resume", options.mesh.resume,
                  "End at once where OUT has the results of the same input and parameters");
+  mesh->add_flag("--force", options.mesh.force, "Replace the results of an earlier run");
+  mesh->add_option("--time-limit", options.mesh.limits.time_s, "Most seconds of the run")
+      ->check(CLI::PositiveNumber);
+  mesh->add_option("--memory-limit", options.mesh.limits.memory_mb,
+                   "Most resident memory of the run, in MiB")
+      ->check(CLI::PositiveNumber);
   mesh->add_flag("--keep-stages", options.mesh.keep_stages,
                  "Write each stage's result to OUT/stages");
   mesh->add_flag("--surface-only", options.mesh.surface_only, "Stop before the tets");
@@ -187,6 +217,7 @@ CliOutcome parse_command_line(int argc, char** argv) {
   CLI::App* metrics = add_metrics_command(app, options, metrics_space);
   add_compare_command(app, options.compare);
   add_summary_command(app, options.summary);
+  add_check_command(app, options);
   CLI::App* schema = app.add_subcommand("schema", "Print the JSON schema of the parameter file");
   schema->add_flag("--metrics", options.schema_of_metrics, "That of the report, NAME.metrics.json");
   CLI::App* defaults = app.add_subcommand("defaults", "Print a parameter file with all defaults");
@@ -202,6 +233,7 @@ CliOutcome parse_command_line(int argc, char** argv) {
   if (*metrics) options.command = Command::Metrics;
   if (app.got_subcommand("compare")) options.command = Command::Compare;
   if (app.got_subcommand("summary")) options.command = Command::Summary;
+  if (app.got_subcommand("check")) options.command = Command::Check;
   if (*schema) options.command = Command::Schema;
   if (*defaults) options.command = Command::Defaults;
   if (inputs.size() > 1)
@@ -218,13 +250,17 @@ CliOutcome parse_command_line(int argc, char** argv) {
   return outcome;
 }
 
+Parameters read_parameters(const std::string& file, const std::vector<std::string>& settings) {
+  const nlohmann::ordered_json json =
+      file.empty() ? nlohmann::ordered_json::object() : read_json(file);
+  return parse_parameters(json, "'" + file + "'", settings);
+}
+
 RunRequest make_request(const MeshCommand& command) {
-  const nlohmann::ordered_json file = command.params_file.empty() ? nlohmann::ordered_json::object()
-                                                                  : read_json(command.params_file);
   RunRequest request;
   request.input = command.input;
   request.out_dir = command.out_dir;
-  request.parameters = parse_parameters(file, "'" + command.params_file + "'", command.settings);
+  request.parameters = read_parameters(command.params_file, command.settings);
   if (!command.label_names_file.empty())
     request.label_names = read_label_names(command.label_names_file);
   request.sample = command.sample_file;
@@ -232,6 +268,9 @@ RunRequest make_request(const MeshCommand& command) {
   request.keep_stages = command.keep_stages;
   request.surface_only = command.surface_only;
   request.html_report = command.html_report;
+  request.force = command.force;
+  request.read = command.read;
+  request.limits = command.limits;
   request.formats.clear();
   for (const std::string& name : command.formats) {
     const MeshFormat format = formats_by_name().at(name);

@@ -3,6 +3,7 @@
 
 #include "cvmesh/pipeline/pipeline.h"
 
+#include "check_command.h"
 #include "compare_command.h"
 #include "metrics_command.h"
 #include "summary_command.h"
@@ -12,7 +13,7 @@
 
 namespace cvmesh::app {
 
-enum class Command { Mesh, Metrics, Compare, Summary, Schema, Defaults };
+enum class Command { Mesh, Check, Metrics, Compare, Summary, Schema, Defaults };
 
 struct MeshCommand {
   std::string input, params_file, label_names_file, sample_file, out_dir = ".";
@@ -20,12 +21,16 @@ struct MeshCommand {
   std::vector<std::string> settings;  ///< "key=value", `--seed N` among them
   std::vector<std::string> formats = {"vtu", "mesh"};
   bool formats_given = false;  ///< and not those of the default
-  bool keep_stages = false, surface_only = false, html_report = false, resume = false;
+  bool keep_stages = false, surface_only = false, html_report = false, resume = false,
+       force = false;
+  ReadVolumeOptions read;
+  RunLimits limits;
 };
 
 struct CliOptions {
   Command command = Command::Mesh;
   MeshCommand mesh;
+  CheckCommand check;
   MetricsCommand metrics;
   CompareCommand compare;
   SummaryCommand summary;
@@ -43,6 +48,10 @@ struct CliOutcome {
 };
 
 CliOutcome parse_command_line(int argc, char** argv);
+
+/// The parameters of a file ("" for none) with "key=value" settings over it.
+/// @throws Error BadParameter
+Parameters read_parameters(const std::string& file, const std::vector<std::string>& settings);
 
 /// The run that a mesh command asks for: parameter file read, settings applied.
 /// @throws Error BadParameter

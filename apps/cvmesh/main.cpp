@@ -57,14 +57,32 @@ void print(const nlohmann::ordered_json& json) {
   require(std::cout.good(), ErrorCode::Output, "write", "standard output cannot be written");
 }
 
+int exit_code_of(const Error& error) {
+  const int signal = received_signal;
+  return signal != 0 ? kSignalExitBase + signal : static_cast<int>(error.code());
+}
+
+void tell(const Error& error) {
+  std::cerr << "cvmesh: error: " << error.what() << "\n";
+}
+
+/// A stage that does not stop cannot be stopped but with its process. The helper dies with it.
+[[noreturn]] void end_at_once(const Error& error) {
+  tell(error);
+  std::cerr << std::flush;
+  _exit(exit_code_of(error));
+}
+
 int run_mesh(const app::CliOptions& options) {
   const bool has_bar = !options.is_quiet && !options.is_verbose && app::is_terminal();
-  const RunRequest request = app::make_request(options.mesh);
+  RunRequest request = app::make_request(options.mesh);
   if (options.mesh.resume && is_finished(request)) {
     if (!options.is_quiet)
       std::cerr << "cvmesh: " << options.mesh.input << " is done already, with these parameters\n";
     return 0;
   }
+  request.signal = &received_signal;
+  request.on_stuck = end_at_once;
   const tbb::global_control threads(tbb::global_control::max_allowed_parallelism,
                                     thread_count(options.threads));
   app::ProgressBar bar;
@@ -111,6 +129,11 @@ int run(int argc, char** argv) {
       return app::run_compare(outcome.options.compare);
     case app::Command::Summary:
       return app::run_summary(outcome.options.summary);
+    case app::Command::Check:
+      return app::run_check(
+          outcome.options.check,
+          app::read_parameters(outcome.options.check.params_file, outcome.options.check.settings),
+          static_cast<int>(thread_count(outcome.options.threads)));
     case app::Command::Mesh:
       break;
   }
@@ -122,13 +145,15 @@ int run(int argc, char** argv) {
 int main(int argc, char** argv) {
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
-  std::signal(SIGPIPE, SIG_IGN);  // a closed pipe is an error of the write, not the end of us
+  // A closed pipe and a file that grows beyond its limit are errors of the write, not the end of
+  // us.
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
   try {
     return run(argc, argv);
   } catch (const Error& error) {
-    std::cerr << "cvmesh: error: " << error.what() << "\n";
-    const int signal = received_signal;
-    return signal != 0 ? kSignalExitBase + signal : static_cast<int>(error.code());
+    tell(error);
+    return exit_code_of(error);
   } catch (const std::exception& error) {
     std::cerr << "cvmesh: error: " << error.what() << "\n";
   }

@@ -97,6 +97,7 @@ void run_metrics(const MetricsCommand& command, const StageContext& context) {
   request.labels = command.labels;
   if (!command.truth.empty()) request.truth = command.truth;
   request.space = command.space;
+  request.read = command.read;
   if (!command.params_file.empty())
     request.parameters =
         parse_parameters(read_json(command.params_file), "'" + command.params_file + "'");

@@ -3,6 +3,7 @@
 
 #include "cvmesh/core/context.h"
 #include "cvmesh/grid/grid_frame.h"
+#include "cvmesh/io/volume_reader.h"
 
 #include <optional>
 #include <string>
@@ -13,6 +14,7 @@ namespace cvmesh::app {
 struct MetricsCommand {
   std::string mesh, labels, truth, params_file, out_file;
   std::optional<Space> space;  ///< empty: what the mesh file states, else the volume's own
+  ReadVolumeOptions read;      ///< of the labels
   bool as_json = false;        ///< JSON instead of a table on standard output
 };
 

@@ -12,4 +12,4 @@ out=$3
 shift 3
 input=$(grep -v -e '^[[:space:]]*#' -e '^[[:space:]]*$' "$list" | sed -n "${SLURM_ARRAY_TASK_ID}p")
 name=$(basename "$input" .gz)
-exec "$cvmesh" mesh "$input" --out "$out/${name%.*}" --resume --quiet "$@"
+exec "$cvmesh" mesh "$input" --out "$out/${name%.*}" --resume --force --quiet "$@"

@@ -152,8 +152,8 @@ TEST_CASE("cvmesh mesh: sizes of interfaces rule there, or a warning says why no
   write_volume_file(folder / "a.nii", phantoms::nested_balls(6, 11));
   const std::string input = (folder / "a.nii").string(), out = (folder / "out").string();
   const auto mesh = [&](const std::string& interfaces) {
-    return run_cli::cvmesh(
-        {"mesh", input, "--out", out, "--surface-only", "--set", "interfaces=" + interfaces});
+    return run_cli::cvmesh({"mesh", input, "--out", out, "--force", "--surface-only", "--set",
+                            "interfaces=" + interfaces});
   };
   // Rows: the outer interface, of label 2 and the exterior, then that of labels 2 and 1.
   const auto particles_on = [&](std::size_t row) {
@@ -184,7 +184,7 @@ TEST_CASE("cvmesh mesh: boxes outside the volume are refused, idle ones give a w
   write_volume_file(folder / "a.nii", phantoms::ball(6));
   const std::string input = (folder / "a.nii").string(), out = (folder / "out").string();
   const auto mesh = [&](const std::string& boxes) {
-    return run_cli::cvmesh({"mesh", input, "--out", out, "--set", "boxes=" + boxes});
+    return run_cli::cvmesh({"mesh", input, "--out", out, "--force", "--set", "boxes=" + boxes});
   };
   const Outcome outside = mesh(R"([{"box": [0, 0, 0, 9, 99, 9], "epsilon": 1}])");
   CHECK(outside.exit_code == 2);
@@ -214,7 +214,7 @@ TEST_CASE("cvmesh mesh: one warning names the labels that are too coarse around"
   write_volume_file(folder / "rod.nii", phantoms::rod(2));
   const auto mesh = [&](const char* name, const char* epsilon, const char* label_name) {
     return run_cli::cvmesh({"mesh", (folder / name).string(), "--out", (folder / "out").string(),
-                            "--surface-only", "--set", epsilon, "--set", label_name});
+                            "--force", "--surface-only", "--set", epsilon, "--set", label_name});
   };
   const Outcome fine = mesh("rod.nii", "epsilon=1", "labels.1.name=rod");
   CHECK(fine.exit_code == 0);
@@ -268,13 +268,13 @@ TEST_CASE("cvmesh mesh: logs one line per stage and a summary, or nothing when q
   CHECK(json["parameters"]["epsilon"] == 1.5);
 
   const Outcome quiet =
-      run_cli::cvmesh({"mesh", input, "--out", (folder / "out").string(), "--quiet"});
+      run_cli::cvmesh({"mesh", input, "--out", (folder / "out").string(), "--force", "--quiet"});
   CHECK(quiet.exit_code == 0);
   CHECK(quiet.err.empty());
 
-  const Outcome slurm =
-      run_cli::cvmesh({"mesh", input, "--out", (folder / "out").string(), "--surface-only"},
-                      {{"SLURM_CPUS_PER_TASK", "3"}});
+  const Outcome slurm = run_cli::cvmesh(
+      {"mesh", input, "--out", (folder / "out").string(), "--force", "--surface-only"},
+      {.environment = {{"SLURM_CPUS_PER_TASK", "3"}}});
   CHECK(slurm.exit_code == 0);
   CHECK(read_json(folder / "out/a.metrics.json")["timings"]["threads"] == 3);
 }
@@ -283,7 +283,7 @@ TEST_CASE("cvmesh mesh: --formats chooses the files of the tets", "[cli]") {
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::ball(6));
   const auto mesh = [&](const std::vector<std::string>& more) {
-    Words words = {"mesh", "--out", (folder / "out").string()};
+    Words words = {"mesh", "--force", "--out", (folder / "out").string()};
     words.insert(words.end(), more.begin(), more.end());
     words.push_back((folder / "a.nii").string());
     return run_cli::cvmesh(words);

@@ -10,6 +10,7 @@
 #include <iostream>
 #include <limits>
 #include <sstream>
+#include <sys/stat.h>
 
 using namespace cvmesh;
 using namespace cvmesh::image_files;
@@ -218,8 +219,12 @@ TEST_CASE("read_label_volume: values that are no labels are refused", "[io][unit
 
 TEST_CASE("read_label_volume: hostile MetaImage headers are refused", "[io][unit]") {
   check_meta_refused({{"NDims", "2"}, {"DimSize", "4 6"}}, "2 dimension");
-  check_meta_refused({{"NDims", "4"}, {"DimSize", "4 3 2 2"}}, "4 dimensions",
-                     std::string(48, '\1'));
+  check_meta_refused({{"NDims", "4"},
+                      {"DimSize", "4 3 2 2"},
+                      {"ElementSpacing", "1 1 1 1"},
+                      {"Offset", "0 0 0 0"},
+                      {"TransformMatrix", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"}},
+                     "4 dimensions", std::string(48, '\1'));
   check_meta_refused({{"NDims", "11"}, {"DimSize", "4 3 2 1 1 1 1 1 1 1 1"}}, "11 dimensions");
   check_meta_refused({{"NDims", "5"}}, "NDims = \"5\"");
   check_meta_refused({{"DimSize", "-4 3 2"}}, "at least 1 voxel");
@@ -292,19 +297,21 @@ TEST_CASE("read_label_volume: a header leads to a plain sibling only", "[io][uni
                                ""};
   for (const std::string& name : names) {
     CAPTURE(name);
-    const auto meta = folder / "sub" / "a.mhd";
+    const auto meta = folder / "sub/a.mhd";
     write_file(meta, meta_header({}, name) + "beside.raw\nbeside.raw\n");
     check_refused(meta, "ElementDataFile");
-    const auto nrrd = folder / "sub" / "a.nrrd";
+    const auto nrrd = folder / "sub/a.nrrd";
     write_file(nrrd, nrrd_header({{"data file", name}}));
     check_refused(nrrd, "data file");
   }
   const auto good = folder / "sub" / "b.mhd";
   write_file(good, meta_header({}, "beside.raw"));
-  CHECK(read_label_volume(good).values == std::vector<Label>(24, 1));
+  check_refused(good, "--allow-detached");
+  const ReadVolumeOptions detached{.allow_detached = true};
+  CHECK(read_label_volume(good, nullptr, detached).values == std::vector<Label>(24, 1));
   write_file(folder / "sub" / "beside.raw", kVoxels.substr(3));
   try {
-    read_label_volume(good);
+    read_label_volume(good, nullptr, detached);
     FAIL("a short sibling was accepted");
   } catch (const Error& error) {
     CHECK(error.code() == ErrorCode::BadInput);
@@ -350,6 +357,153 @@ TEST_CASE("read_label_volume: hostile NRRD headers and damaged data are refused"
   std::string wrong = packed;
   wrong[wrong.size() - 7] = static_cast<char>(wrong[wrong.size() - 7] ^ 1);
   check_nrrd_refused({{"encoding", "gzip"}}, "damaged", wrong);
+}
+
+TEST_CASE("read_label_volume: odd paths are refused and never waited for", "[io][unit]") {
+  const test_data::TemporaryFolder folder;
+  for (const char* name : {"pipe.nii", "pipe.mha", "pipe.nrrd"}) {
+    REQUIRE(mkfifo((folder / name).c_str(), 0600) == 0);
+    check_refused(folder / name, "not a regular file");
+  }
+  std::filesystem::create_symlink("loop.nii", folder / "loop.nii");
+  check_refused(folder / "loop.nii", "does not exist");
+  std::filesystem::create_symlink("/dev/zero", folder / "zero.nii");
+  check_refused(folder / "zero.nii", "not a regular file");
+  check_refused(folder.path() / std::string(300, 'x') / "a.nii", "does not exist");
+}
+
+TEST_CASE("read_label_volume: more hostile NIfTI headers", "[io][unit]") {
+  const double nan = std::nan(""), infinity = std::numeric_limits<double>::infinity();
+  const auto by_pixdim = [](double size) {
+    return [=](Nifti& n) {
+      n.sform_code = 0;
+      n.pixdim[1] = size;
+    };
+  };
+  check_nifti_refused(by_pixdim(nan), "nan in its index-to-world matrix");
+  check_nifti_refused(by_pixdim(infinity), "inf in its index-to-world matrix");
+  check_nifti_refused(
+      [=](Nifti& n) {
+        n.sform_code = 0;
+        n.qform_code = 1;
+        n.quaternion[1] = nan;
+      },
+      "nan in its index-to-world matrix");
+  check_nifti_refused(
+      [](Nifti& n) {
+        n.version = 2;
+        n.s_form.rows[0].x = 1e200;
+      },
+      "no volume");
+  check_nifti_refused([](Nifti& n) { n.dim[0] = -1; }, "-1 dimensions");
+  check_nifti_refused([](Nifti& n) { n.dim = {5, 4, 3, 2, 2, 2, 1, 1}; }, "5 dimensions");
+  check_nifti_refused([](Nifti& n) { n.dim = {4, 4, 3, 2, 0, 1, 1, 1}; }, "at least 1 voxel");
+  check_nifti_refused([](Nifti& n) { n.dim = {4, 4, 3, 2, 30000, 1, 1, 1}; }, "4 x 3 x 2 x 30000");
+  check_nifti_refused([](Nifti& n) { n.dim = {3, 30000, 1, 1, 1, 1, 1, 1}; }, "cut short");
+  check_nifti_refused(
+      [](Nifti& n) {
+        n.version = 2;
+        n.dim = {3, -9223372036854775807, 3, 2, 1, 1, 1, 1};
+      },
+      "at least 1 voxel");
+  check_nifti_refused(
+      [](Nifti& n) {
+        n.version = 2;
+        n.dim[0] = std::int64_t{1} << 40;
+      },
+      "1099511627776 dimensions");
+  check_nifti_refused(
+      [](Nifti& n) {
+        n.version = 2;
+        n.magic = std::string("n+1\0\r\n\x1a\n", 8);
+      },
+      "single-file");
+  check_nifti_refused([](Nifti& n) { n.data_begin = 1e20; }, "start at byte");
+  check_nifti_refused([](Nifti& n) { n.datatype = 0; }, "datatype 0");
+  check_nifti_refused([](Nifti& n) { n.datatype = 1; }, "datatype 1,");
+  check_nifti_refused([](Nifti& n) { n.datatype = -2; }, "datatype -2");
+  check_nifti_refused([=](Nifti& n) { n.intercept = nan; }, "scl_inter nan");
+  const test_data::TemporaryFolder folder;
+  for (const auto& [begin, text] : {std::pair{std::nanf(""), "nan"}, std::pair{-400.0F, "-400"}}) {
+    constexpr std::size_t kVoxelOffset = 108;
+    write_file(folder / "begin.nii",
+               Nifti().bytes().replace(kVoxelOffset, sizeof begin, bytes_of(begin)));
+    check_refused(folder / "begin.nii", std::string("start at byte ") + text);
+  }
+  write_file(folder / "empty.nii.gz", gzip(""));
+  check_refused(folder / "empty.nii.gz", "is no NIfTI");
+  write_file(folder / "twice.nii.gz", gzip(gzip(Nifti().bytes())));
+  check_refused(folder / "twice.nii.gz", "is no NIfTI");
+  Nifti second;
+  second.version = 2;
+  write_file(folder / "short.nii", second.bytes().substr(0, 400));
+  check_refused(folder / "short.nii", "is no NIfTI");
+}
+
+TEST_CASE("read_label_volume: more hostile MetaImage headers", "[io][unit]") {
+  check_meta_refused({{"NDims", ""}}, "NDims = \"\"");
+  check_meta_refused({{"NDims", "3.0"}}, "NDims = \"3.0\"");
+  check_meta_refused({{"NDims", "12"}, {"DimSize", "4 3 2 1 1 1 1 1 1 1 1 1"}}, "12 dimensions");
+  check_meta_refused({{"ElementSpacing", "1e999 1 1"}}, "no number");
+  check_meta_refused({{"ElementSpacing", "0x10 1 1"}}, "no number");
+  check_meta_refused({{"ElementSpacing", "1,5 1 1"}}, "no number");
+  check_meta_refused({{"Offset", "0 0 inf"}}, "inf");
+  check_meta_refused({{"ElementNumberOfChannels", "-1"}}, "vector");
+  check_meta_refused({{"CompressedData", "True"}, {"CompressedDataSize", "-5"}},
+                     "CompressedDataSize = \"-5\"");
+  check_meta_refused({{"CompressedData", "True"}, {"CompressedDataSize", "99999999999999999999"}},
+                     "no integer");
+  check_meta_refused({{"CompressedData", "True"}}, "damaged");
+  check_meta_refused({{"HeaderSize", "-1"}}, "foreign header");
+  check_meta_refused({{"ElementByteOrderMSB", "perhaps"}}, "True or False");
+  check_meta_refused({{std::string(100, 'k'), "1"}}, "is no MetaImage");
+  check_meta_refused({{"Comment", std::string("a\0b", 3)}}, "is no MetaImage");
+  std::vector<std::pair<std::string, std::string>> many;
+  for (int i = 0; i < 300; ++i)
+    many.emplace_back("Field" + std::to_string(i), "1");
+  check_meta_refused(many, "more than 200");
+  check_meta_refused({}, "its own name", kVoxels, "a.mha");
+  const std::string bomb = zlib(kVoxels + std::string(std::size_t{64} << 20, '\0'));
+  check_meta_refused({{"CompressedData", "True"}}, "beyond the voxels", bomb);
+}
+
+TEST_CASE("read_label_volume: more hostile NRRD headers", "[io][unit]") {
+  check_nrrd_refused({{"dimension", "17"}}, "dimension \"17\"");
+  check_nrrd_refused({{"type", "int256"}}, "voxel type");
+  check_nrrd_refused({{"space directions", "(1,0,0) (0,1,0) (0,0,1"}}, "no vector");
+  check_nrrd_refused({{"space directions", "(1,0,0) (0,nan,0) (0,0,1)"}}, "nan");
+  check_nrrd_refused({{"space directions", "(1,0,0) (0,1,0)"}}, "no direction");
+  check_nrrd_refused({{"space origin", "(1,2,3) (4,5,6)"}}, "2 vectors");
+  check_nrrd_refused({{"kinds", "vector domain domain"}}, "kind \"vector\"");
+  check_nrrd_refused({{"encoding", "hex"}}, "encoding");
+  check_nrrd_refused({{"sizes", "4 3 2 "}, {"dimension", " 3x"}}, "dimension \"3x\"");
+  check_nrrd_refused({{"data file", "a.nrrd"}}, "its own name");
+  check_nrrd_refused({{"encoding", "gzip"}}, "beyond the voxels",
+                     gzip(kVoxels + std::string(std::size_t{64} << 20, '\0')));
+  const test_data::TemporaryFolder folder;
+  std::string future = nrrd_header() + kVoxels;
+  future[7] = '6';
+  write_file(folder / "future.nrrd", future);
+  check_refused(folder / "future.nrrd", "is no NRRD");
+  write_file(folder / "twice.nrrd", "NRRD0004\ntype: uchar\ntype: short\n\n");
+  check_refused(folder / "twice.nrrd", "twice");
+  write_file(folder / "bare.nrrd", "NRRD0004\n\n");
+  check_refused(folder / "bare.nrrd", "no complete NRRD");
+  std::string endless = nrrd_header();
+  endless.pop_back();  // the empty line that ends the header
+  write_file(folder / "endless.nrrd", endless);
+  check_refused(folder / "endless.nrrd", "cut short");
+}
+
+TEST_CASE("read_label_volume: a sibling that is a link is not followed", "[io][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_file(folder / "secret.raw", kVoxels);
+  std::filesystem::create_directory(folder / "sub");
+  std::filesystem::create_symlink("../secret.raw", folder / "sub/a.raw");
+  write_file(folder / "sub/a.mhd", meta_header({}, "a.raw"));
+  check_refused(folder / "sub/a.mhd", "a link");
+  write_file(folder / "sub/a.nrrd", nrrd_header({{"data file", "a.raw"}}));
+  check_refused(folder / "sub/a.nrrd", "a link");
 }
 
 TEST_CASE("read_label_volume: no prefix and no single flipped byte of a header is fatal",

@@ -63,7 +63,7 @@ void check_meta_type(const std::string& type) {
           write_file(path, meta_header(fields, "a.raw"));
           write_file(folder / "a.raw", data);
         }
-        const InputVolume volume = read_label_volume(path);
+        const InputVolume volume = read_label_volume(path, nullptr, {.allow_detached = !is_local});
         CHECK(volume.values == counting_labels());
         CHECK(volume.frame.space == Space::Lps);
       }
@@ -154,7 +154,7 @@ TEST_CASE("read_label_volume: a NIfTI s-form with shear and mirror is taken as i
   nifti.s_form.rows = {Vec3{-0.71, 0.2, 0.05}, Vec3{0.1, 0.93, -0.3}, Vec3{0.02, 0.4, 1.7}};
   nifti.s_form.offset = {-123.456, 78.9, 1e3 / 3};
   write_file(folder / "a.nii", nifti.bytes());
-  const GridFrame frame = read_label_volume(folder / "a.nii").frame;
+  const GridFrame frame = read_label_volume(folder / "a.nii", nullptr, {.allow_shear = true}).frame;
   CHECK(frame.index_to_world == nifti.s_form);
   CHECK(frame.index_to_world.determinant() < 0);
   CHECK(frame.space == Space::Ras);
@@ -341,7 +341,7 @@ TEST_CASE("read_label_volume: a sheared and mirrored MetaImage is taken as it is
   CHECK_THROWS(read_label_volume(folder / "a.mha"));  // two names for one thing
   write_file(folder / "a.mha",
              meta_header({{"TransformMatrix", "-1 0.1 0 0 1 0 0 0 1"}}) + std::string(24, '\1'));
-  const GridFrame frame = read_label_volume(folder / "a.mha").frame;
+  const GridFrame frame = read_label_volume(folder / "a.mha", nullptr, {.allow_shear = true}).frame;
   CHECK(frame.index_to_world({1, 0, 0}) == Vec3{-1, 0.1, 0});
   CHECK(frame.index_to_world.determinant() == -1);
 }
@@ -354,7 +354,8 @@ TEST_CASE("read_label_volume: Windows line ends in a header do not shift the vox
     windows += c == '\n' ? std::string("\r\n") : std::string(1, c);
   write_file(folder / "a.mhd", windows);
   write_file(folder / "a.raw", bytes_of_all(counting<std::uint8_t>()));
-  CHECK(read_label_volume(folder / "a.mhd").values == counting_labels());
+  CHECK(read_label_volume(folder / "a.mhd", nullptr, {.allow_detached = true}).values ==
+        counting_labels());
 }
 
 TEST_CASE("read_label_volume: an NRRD's space is the one it declares", "[io][unit]") {
@@ -371,7 +372,7 @@ TEST_CASE("read_label_volume: an NRRD's space is the one it declares", "[io][uni
                                                {"space origin", "(10,20,30)"},
                                                {"kinds", "domain domain domain"}}) +
                                       bytes_of_all(counting<std::uint8_t>()));
-    const InputVolume volume = read_label_volume(folder / "a.nrrd");
+    const InputVolume volume = read_label_volume(folder / "a.nrrd", nullptr, {.allow_shear = true});
     CHECK(volume.frame.space == space);
     CHECK(volume.frame.index_to_world({1, 0, 0}) == Vec3{10, 22, 30});
     CHECK(volume.frame.index_to_world({0, 1, 0}) == Vec3{7, 20, 30});
@@ -398,7 +399,8 @@ TEST_CASE("read_label_volume: an NRRD header may be long and point to a plain si
     text += "Segment" + std::to_string(i) + "_Name:=a name of some length\n";
   write_file(folder / "a.nrrd", text + "\n");
   write_file(folder / "a.raw", bytes_of_all(counting<std::uint8_t>()));
-  CHECK(read_label_volume(folder / "a.nrrd").values == counting_labels());
+  CHECK(read_label_volume(folder / "a.nrrd", nullptr, {.allow_detached = true}).values ==
+        counting_labels());
 }
 
 TEST_CASE("read_label_volume: a path without a folder works, sibling included", "[io][unit]") {
@@ -407,7 +409,84 @@ TEST_CASE("read_label_volume: a path without a folder works, sibling included", 
   write_file(folder / "a.raw", bytes_of_all(counting<std::uint8_t>()));
   const auto before = std::filesystem::current_path();
   std::filesystem::current_path(folder.path());
-  const InputVolume volume = read_label_volume("a.mhd");
+  const InputVolume volume = read_label_volume("a.mhd", nullptr, {.allow_detached = true});
   std::filesystem::current_path(before);
   CHECK(volume.values == counting_labels());
+}
+
+TEST_CASE("read_label_volume: one volume of a 4-D file by its number", "[io][unit]") {
+  const test_data::TemporaryFolder folder;
+  const std::string frames = bytes_of_all(counting<std::uint8_t>(72));
+  Nifti nifti;
+  nifti.dim = {4, 4, 3, 2, 3, 1, 1, 1};
+  nifti.voxels = frames;
+  write_file(folder / "a.nii", nifti.bytes());
+  write_file(folder / "a.nii.gz", gzip(nifti.bytes()));
+  const std::vector<std::pair<std::string, std::string>> meta = {
+      {"NDims", "4"},
+      {"DimSize", "4 3 2 3"},
+      {"Offset", "0 0 0 0"},
+      {"CenterOfRotation", "0 0 0 0"},
+      {"ElementSpacing", "1 1 1 1"},
+      {"TransformMatrix", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"}};
+  write_file(folder / "a.mha", meta_header(meta) + frames);
+  auto packed_meta = meta;
+  packed_meta.emplace_back("CompressedData", "True");
+  write_file(folder / "b.mha", meta_header(packed_meta) + zlib(frames));
+  const std::vector<std::pair<std::string, std::string>> nrrd = {{"dimension", "4"},
+                                                                 {"sizes", "4 3 2 3"}};
+  write_file(folder / "a.nrrd", nrrd_header(nrrd) + frames);
+  auto packed_nrrd = nrrd;
+  packed_nrrd.emplace_back("encoding", "gzip");
+  write_file(folder / "b.nrrd", nrrd_header(packed_nrrd) + gzip(frames));
+  for (const char* name : {"a.nii", "a.nii.gz", "a.mha", "b.mha", "a.nrrd", "b.nrrd"}) {
+    CAPTURE(name);
+    for (const int chosen : {0, 1, 2}) {
+      const InputVolume volume = read_label_volume(folder / name, nullptr, {.volume = chosen});
+      CHECK(volume.frame.dims == std::array<int, 3>{4, 3, 2});
+      CHECK(volume.values.front() == 24 * chosen);
+      CHECK(volume.values.back() == 24 * chosen + 23);
+    }
+    CHECK_THROWS_WITH(read_label_volume(folder / name, nullptr, {.volume = 3}),
+                      Catch::Contains("has no volume 3; choose 0 to 2"));
+    CHECK_THROWS_WITH(read_label_volume(folder / name),
+                      Catch::Contains("4 dimensions (4 x 3 x 2 x 3); choose one of its volumes"));
+  }
+  // A damaged volume that was not asked for is a damaged file.
+  std::string cut = nifti.bytes();
+  cut.pop_back();
+  write_file(folder / "a.nii", cut);
+  CHECK_THROWS_WITH(read_label_volume(folder / "a.nii", nullptr, {.volume = 0}),
+                    Catch::Contains("cut short"));
+  // A number for a file of one volume: only 0 exists.
+  write_file(folder / "one.nii", Nifti{}.bytes());
+  CHECK_NOTHROW(read_label_volume(folder / "one.nii", nullptr, {.volume = 0}));
+  CHECK_THROWS(read_label_volume(folder / "one.nii", nullptr, {.volume = 1}));
+}
+
+TEST_CASE("read_label_volume: shear of a percent passes, more must be asked for", "[io][unit]") {
+  const test_data::TemporaryFolder folder;
+  const auto read_sheared = [&](double shear, const ReadVolumeOptions& options) {
+    Nifti nifti;
+    nifti.version = 2;
+    nifti.s_form.rows[0] = {1, shear, 0};
+    write_file(folder / "a.nii", nifti.bytes());
+    return read_label_volume(folder / "a.nii", nullptr, options).frame.index_to_world;
+  };
+  CHECK(read_sheared(0.002, {}).rows[0] == Vec3{1, 0.002, 0});
+  CHECK(read_sheared(-0.0099, {}).rows[0] == Vec3{1, -0.0099, 0});
+  CHECK_THROWS_WITH(read_sheared(0.02, {}), Catch::Contains("--allow-shear"));
+  CHECK_THROWS_WITH(read_sheared(-0.2, {}), Catch::Contains("sheared"));
+  CHECK(read_sheared(0.2, {.allow_shear = true}).rows[0] == Vec3{1, 0.2, 0});
+  // A sheared s-form wins over a straight q-form, as always: it is never dropped in silence.
+  Nifti both;
+  both.qform_code = 1;
+  both.s_form.rows[0] = {1, 0.2, 0};
+  write_file(folder / "both.nii", both.bytes());
+  std::vector<std::string> warnings;
+  CHECK_THROWS_WITH(read_label_volume(folder / "both.nii", &warnings),
+                    Catch::Contains("--allow-shear"));
+  read_label_volume(folder / "both.nii", &warnings, {.allow_shear = true});
+  REQUIRE(warnings.size() == 1);
+  CHECK(warnings[0].find("differently") != std::string::npos);
 }

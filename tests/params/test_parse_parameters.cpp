@@ -247,6 +247,14 @@ TEST_CASE("parse_parameters: epsilon and target_vertices exclude each other", "[
   CHECK(parse(R"({"epsilon": 2, "target_vertices": null})").sizing.epsilon == 2);
 }
 
+TEST_CASE("parse_parameters: settings that are no UTF-8 are refused, not fatal", "[params][unit]") {
+  for (const char* setting : {"boxes=[{\"box\":[0,0,0,1,1,1],\"epsilon\xff\":1}]", "epsilon=\xff",
+                              "\xff=1", "labels.\xff.epsilon=1", "seeding=\xff\xfe"}) {
+    CAPTURE(setting);
+    CHECK(refusal("{}", {setting}).find("parameters: --set: ") != std::string::npos);
+  }
+}
+
 TEST_CASE("parse_parameters: settings override the file", "[params][unit]") {
   CHECK(parse(R"({"epsilon": 2})", {"epsilon=3", "epsilon=4"}).sizing.epsilon == 4);
   CHECK(parse("{}", {"seeding=dense"}).seed_particles.seeding == Seeding::Dense);

@@ -58,6 +58,7 @@ RunRequest request_for(const fs::path& input, const fs::path& out) {
   RunRequest request;
   request.input = input;
   request.out_dir = out;
+  request.force = true;  // many tests run more than once into one folder
   request.parameters.sizing.epsilon = 1.5;
   return request;
 }

@@ -47,7 +47,7 @@ def run(command, **options):
 
 def make_mesh(cvmesh, image, parameters, settings, out):
     command = [cvmesh, "mesh", image, "--params", parameters, "--formats", "inp", "--out", out,
-               "--quiet"]
+               "--quiet", "--force"]
     for setting in [f"epsilon={EPSILON}", f"labels.6.name={HOSTILE}"] + settings:
         command += ["--set", setting]
     run(command)

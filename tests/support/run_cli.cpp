@@ -7,6 +7,7 @@
 #include <fstream>
 #include <iterator>
 #include <stdexcept>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <system_error>
 #include <unistd.h>
@@ -34,8 +35,7 @@ void redirect(const fs::path& path, int descriptor) {
 
 }  // namespace
 
-Process::Process(const std::vector<std::string>& arguments,
-                 const std::map<std::string, std::string>& environment) {
+Process::Process(const std::vector<std::string>& arguments, const Surroundings& surroundings) {
   std::string name = (fs::temp_directory_path() / "cvmesh-cli-XXXXXX").string();
   if (mkdtemp(name.data()) == nullptr) throw std::runtime_error("cannot make " + name);
   folder_ = name;
@@ -49,10 +49,15 @@ Process::Process(const std::vector<std::string>& arguments,
   pid_ = fork();
   if (pid_ < 0) throw std::runtime_error("cannot fork");
   if (pid_ == 0) {
-    redirect(folder_ / "out", STDOUT_FILENO);
+    const fs::path& output = surroundings.standard_output;
+    redirect(output.empty() ? folder_ / "out" : output, STDOUT_FILENO);
     redirect(folder_ / "err", STDERR_FILENO);
-    for (const auto& [key, value] : environment)
+    for (const auto& [key, value] : surroundings.environment)
       setenv(key.c_str(), value.c_str(), 1);
+    if (const rlim_t bytes = surroundings.largest_file_bytes; bytes > 0) {
+      const rlimit limit{bytes, bytes};
+      if (setrlimit(RLIMIT_FSIZE, &limit) != 0) _exit(125);
+    }
     execv(pointers[0], pointers.data());
     _exit(127);
   }
@@ -82,9 +87,8 @@ Outcome Process::wait() {
   return outcome;
 }
 
-Outcome cvmesh(const std::vector<std::string>& arguments,
-               const std::map<std::string, std::string>& environment) {
-  return Process(arguments, environment).wait();
+Outcome cvmesh(const std::vector<std::string>& arguments, const Surroundings& surroundings) {
+  return Process(arguments, surroundings).wait();
 }
 
 }  // namespace cvmesh::run_cli

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <map>
 #include <string>
@@ -15,12 +16,18 @@ struct Outcome {
   std::string out, err;
 };
 
+/// What a process starts with besides its arguments.
+struct Surroundings {
+  std::map<std::string, std::string> environment{};  ///< besides the caller's own
+  std::size_t largest_file_bytes = 0;                ///< RLIMIT_FSIZE; 0: as the caller's
+  std::filesystem::path standard_output{};           ///< empty: kept for the outcome
+};
+
 /// A running cvmesh executable whose output goes into a folder of its own.
 class Process {
  public:
-  /// @param environment  variables to set besides the caller's own
   explicit Process(const std::vector<std::string>& arguments,
-                   const std::map<std::string, std::string>& environment = {});
+                   const Surroundings& surroundings = {});
   ~Process();
   Process(const Process&) = delete;
   Process& operator=(const Process&) = delete;
@@ -34,7 +41,6 @@ class Process {
 };
 
 /// Runs `cvmesh arguments...` to its end.
-Outcome cvmesh(const std::vector<std::string>& arguments,
-               const std::map<std::string, std::string>& environment = {});
+Outcome cvmesh(const std::vector<std::string>& arguments, const Surroundings& surroundings = {});
 
 }  // namespace cvmesh::run_cli

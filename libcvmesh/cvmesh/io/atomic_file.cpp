@@ -8,6 +8,7 @@
 #include <fcntl.h>
 #include <system_error>
 #include <unistd.h>
+#include <vector>
 
 namespace cvmesh {
 namespace {
@@ -19,11 +20,18 @@ std::string text_of_errno(int number) {
   return std::generic_category().message(number);
 }
 
+constexpr std::string_view kTemporarySuffix = ".part";
+
+/// What the temporary names of this process, and of no other, have in common.
+std::string process_mark() {
+  return "." + std::to_string(::getpid()) + "-";
+}
+
 std::filesystem::path temporary_name(const std::filesystem::path& path) {
   static std::atomic<unsigned> counter{0};
   const std::string name = path.filename().string().substr(0, kLongestName);
-  return path.parent_path() / ("." + name + "." + std::to_string(::getpid()) + "-" +
-                               std::to_string(counter++) + ".part");
+  return path.parent_path() /
+         ("." + name + process_mark() + std::to_string(counter++) + std::string(kTemporarySuffix));
 }
 
 void sync_folder(const std::filesystem::path& file) {
@@ -80,6 +88,22 @@ void AtomicFile::commit() {
   if (::rename(temporary_.c_str(), path_.c_str()) != 0) fail("cannot be given its name");
   temporary_.clear();
   sync_folder(path_);
+}
+
+void remove_temporaries(const std::filesystem::path& folder) noexcept try {
+  std::vector<std::filesystem::path> found;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    const std::string name = entry.path().filename().string();
+    const bool is_ours = name.starts_with('.') && name.ends_with(kTemporarySuffix) &&
+                         name.find(process_mark()) != std::string::npos;
+    if (is_ours) found.push_back(entry.path());
+  }
+  std::error_code ignored;
+  for (const std::filesystem::path& file : found)
+    std::filesystem::remove(file, ignored);
+
+} catch (const std::exception&) {
+  // The folder is not there or cannot be read: then there is nothing to remove.
 }
 
 void AtomicFile::flush() {

@@ -44,4 +44,8 @@ class AtomicFile {
   int descriptor_ = -1;
 };
 
+/// Removes the temporary files that this process has in a folder, whoever is writing them: their
+/// commit fails from then on.
+void remove_temporaries(const std::filesystem::path& folder) noexcept;
+
 }  // namespace cvmesh

@@ -167,12 +167,13 @@ VolumeHeader parse_meta_header(const std::filesystem::path& path) {
   if (*count != std::to_string(sizes.size()))
     refuse_file(path, "has NDims = " + in_quotes(*count) + " but " + std::to_string(sizes.size()) +
                           " numbers in DimSize; the header is damaged");
-  const auto dims = checked_dims(path, sizes);
+  const auto [dims, volumes] = checked_dims(path, sizes);
   if (sizes.size() > 4)
     refuse_file(path, "has " + std::to_string(sizes.size()) +
                           " dimensions; extract one 3-D volume from it");
 
   VolumeHeader header;
+  header.volumes = volumes;
   header.type = voxel_type(path, fields);
   const bool is_big = is_true(path, fields, "BinaryDataByteOrderMSB",
                               is_true(path, fields, "ElementByteOrderMSB", false));

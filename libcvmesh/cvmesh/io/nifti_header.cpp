@@ -257,7 +257,9 @@ VolumeHeader parse_nifti_header(const std::filesystem::path& path) {
   if (f.dim[0] < 1 || f.dim[0] > 7)
     refuse_file(path, "declares " + std::to_string(f.dim[0]) +
                           " dimensions; NIfTI has 1 to 7; the header is damaged");
-  const auto dims = checked_dims(path, {f.dim.begin() + 1, f.dim.begin() + 1 + f.dim[0]});
+  const auto [dims, volumes] =
+      checked_dims(path, {f.dim.begin() + 1, f.dim.begin() + 1 + f.dim[0]});
+  header.volumes = volumes;
   header.type = voxel_type(path, f.datatype);
   header.is_swapped = f.is_swapped;
   read_scaling(f, header);

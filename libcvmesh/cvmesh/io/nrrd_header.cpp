@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/io/volume_header.h"
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <map>
@@ -38,7 +39,7 @@ Fields read_fields(const std::filesystem::path& path) {
   if (text.size() < 9 || text.compare(0, 7, "NRRD000") != 0 || text[7] < '1' || text[7] > '5')
     refuse_file(path, "is no NRRD file (it does not start with NRRD0001 to NRRD0005)");
   if (text.find("\n\n") == std::string::npos && text.find("\n\r\n") == std::string::npos) {
-    std::string more(kMaxHeader, '\0');
+    std::string more(std::min<std::uint64_t>(kMaxHeader, source.stored_bytes()), '\0');
     more.resize(source.read(more.data(), more.size()));
     text += more;
   }
@@ -224,9 +225,10 @@ VolumeHeader parse_nrrd_header(const std::filesystem::path& path) {
     refuse_file(path, "has dimension " + in_quotes(*count) + " but " +
                           std::to_string(sizes.size()) +
                           " numbers in 'sizes'; the header is damaged");
-  const auto dims = checked_dims(path, sizes);
+  const auto [dims, volumes] = checked_dims(path, sizes);
 
   VolumeHeader header;
+  header.volumes = volumes;
   header.type = voxel_type(path, fields);
   const std::string* endian = fields.find("endian");
   const std::string order = endian ? lower_case(*endian) : "";

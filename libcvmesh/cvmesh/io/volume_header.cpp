@@ -144,8 +144,7 @@ std::size_t voxel_bytes(VoxelType type) {
   return 8;
 }
 
-std::array<int, 3> checked_dims(const std::filesystem::path& path,
-                                const std::vector<long long>& sizes) {
+CheckedDims checked_dims(const std::filesystem::path& path, const std::vector<long long>& sizes) {
   std::string all;
   for (const long long size : sizes)
     all += (all.empty() ? "" : " x ") + std::to_string(size);
@@ -157,19 +156,21 @@ std::array<int, 3> checked_dims(const std::filesystem::path& path,
     if (sizes[axis] < 1)
       refuse_file(path, "declares the size " + all + ", but axis " + std::to_string(axis + 1) +
                             " must have at least 1 voxel; the header is damaged");
-    if (axis >= 3 && sizes[axis] > 1)
+    if (axis >= 4 && sizes[axis] > 1)
       refuse_file(path, "is an image of " + std::to_string(sizes.size()) + " dimensions (" + all +
                             "); extract one 3-D volume from it");
     if (sizes[axis] > kMaxAxis)
       refuse_file(path, "declares the size " + all + ", but axis " + std::to_string(axis + 1) +
                             " exceeds " + std::to_string(kMaxAxis) +
                             " voxels; crop the volume or check the header");
-    product *= static_cast<std::uint64_t>(sizes[axis]);  // below 2^48: cannot overflow
+    if (axis < 3) product *= static_cast<std::uint64_t>(sizes[axis]);  // below 2^48: no overflow
   }
   if (product > kMaxVoxels)
     refuse_file(path, "declares the size " + all + ", more than " + std::to_string(kMaxVoxels) +
                           " voxels; crop the volume or check the header");
-  return {static_cast<int>(sizes[0]), static_cast<int>(sizes[1]), static_cast<int>(sizes[2])};
+  return {
+      .dims = {static_cast<int>(sizes[0]), static_cast<int>(sizes[1]), static_cast<int>(sizes[2])},
+      .volumes = sizes.size() > 3 ? static_cast<std::uint64_t>(sizes[3]) : 1};
 }
 
 GridFrame checked_frame(const std::filesystem::path& path,
@@ -215,6 +216,10 @@ std::filesystem::path checked_sibling(const std::filesystem::path& header,
   std::error_code code;
   if (!std::filesystem::is_regular_file(file, code))
     refuse_file(header, what + ", but there is no such file beside it; keep the two together");
+  if (std::filesystem::is_symlink(file, code))
+    refuse_file(header, what + ", a link, which may lead anywhere; copy the file itself there");
+  if (std::filesystem::equivalent(file, header, code))
+    refuse_file(header, what + ", its own name; the header's text is no voxels");
   return file;
 }
 

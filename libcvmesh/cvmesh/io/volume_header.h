@@ -33,6 +33,7 @@ std::size_t voxel_bytes(VoxelType type);
 /// What a header says, checked.
 struct VolumeHeader {
   GridFrame frame;
+  std::uint64_t volumes = 1;  ///< one after the other, each of the frame's size
   VoxelType type = VoxelType::UInt8;
   bool is_swapped = false;                ///< bytes are in the other order than this machine's
   std::filesystem::path data_file;        ///< where the voxels are: the file itself or a sibling
@@ -51,10 +52,15 @@ VolumeHeader parse_nifti_header(const std::filesystem::path& path);
 VolumeHeader parse_meta_header(const std::filesystem::path& path);
 VolumeHeader parse_nrrd_header(const std::filesystem::path& path);
 
-/// The three dimensions of an image: trailing ones beyond the third are dropped.
-/// @throws Error BadInput for fewer than three, more than three, or sizes out of bounds
-std::array<int, 3> checked_dims(const std::filesystem::path& path,
-                                const std::vector<long long>& sizes);
+/// The sizes of an image: three dimensions, and how many volumes of them a fourth one holds.
+struct CheckedDims {
+  std::array<int, 3> dims{0, 0, 0};
+  std::uint64_t volumes = 1;
+};
+
+/// Trailing ones beyond the third dimension are dropped.
+/// @throws Error BadInput for fewer than three, more than four, or sizes out of bounds
+CheckedDims checked_dims(const std::filesystem::path& path, const std::vector<long long>& sizes);
 
 /// A frame with this affine; spacings are its column norms.
 /// @throws Error BadInput when a number is not finite or the axes span no volume

@@ -6,6 +6,8 @@
 #include "cvmesh/io/volume_header.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <new>
 
 namespace cvmesh {
@@ -19,6 +21,9 @@ using detail::VolumeHeader;
 constexpr std::size_t kBlockVoxels = std::size_t{1} << 20;
 // What writers append after the voxels (padding, a stray extension) stays far below this.
 constexpr std::uint64_t kMostSurplus = 1 << 20;
+// Cosine between two axes; rounding and registration stay well below, and so does what it changes
+// in a distance.
+constexpr double kMostShear = 0.01;
 
 enum class Format { Nifti, Meta, Nrrd };
 
@@ -55,7 +60,7 @@ VolumeHeader parse_header(const std::filesystem::path& path, Format format) {
 
 // Before memory is asked for: a header of a few bytes can declare any size.
 void check_declared_size(const VolumeHeader& header, const ByteSource& source) {
-  const std::uint64_t wanted = header.voxel_data_bytes();
+  const std::uint64_t wanted = header.volumes * header.voxel_data_bytes();
   std::uint64_t most = source.stored_bytes();
   if (header.data_count != UINT64_MAX && most < header.data_count)
     refuse_truncated(header.data_file, header.data_count, most);
@@ -63,8 +68,7 @@ void check_declared_size(const VolumeHeader& header, const ByteSource& source) {
   if (most < wanted) refuse_truncated(header.data_file, wanted, most);
 }
 
-// Calls `use(bytes, first voxel, count)` on the voxels, block by block, and then verifies what
-// follows them.
+// Calls `use(bytes, first voxel, count)` on the voxels of one volume, block by block.
 template <typename Use>
 void for_each_block(ByteSource& source, const VolumeHeader& header, const Use& use) {
   const std::size_t size = detail::voxel_bytes(header.type);
@@ -77,28 +81,56 @@ void for_each_block(ByteSource& source, const VolumeHeader& header, const Use& u
       refuse_truncated(header.data_file, header.voxel_data_bytes(), first * size + got);
     use(block.data(), first, count);
   }
+}
+
+// Reads over bytes that somebody else wants.
+void skip(ByteSource& source, const VolumeHeader& header, std::uint64_t count) {
+  std::vector<unsigned char> skipped(std::size_t{1} << 16);
+  while (count > 0) {
+    const auto part = static_cast<std::size_t>(std::min<std::uint64_t>(count, skipped.size()));
+    if (source.read(skipped.data(), part) < part)
+      refuse_truncated(header.data_file, header.volumes * header.voxel_data_bytes(), 0);
+    count -= part;
+  }
+}
+
+// The voxels of one of the header's volumes, by our own code alone; `first` bytes, as they are once
+// inflated, lie before the first volume.
+template <typename Value>
+Grid<Value> read_plain(const std::filesystem::path& path,
+                       const VolumeHeader& header,
+                       ByteSource& source,
+                       std::uint64_t first,
+                       std::uint64_t chosen) {
+  check_declared_size(header, source);
+  skip(source, header, first + chosen * header.voxel_data_bytes());
+  Grid<Value> volume(header.frame);
+  for_each_block(
+      source, header, [&](const unsigned char* bytes, std::size_t begin, std::size_t count) {
+        detail::convert_voxels(path, header, bytes, begin, count, volume.values.data() + begin);
+      });
+  skip(source, header, (header.volumes - 1 - chosen) * header.voxel_data_bytes());
   source.finish(kMostSurplus);
+  return volume;
 }
 
 template <typename Value>
-Grid<Value> read_nifti(const std::filesystem::path& path, const VolumeHeader& header) {
+Grid<Value> read_nifti(const std::filesystem::path& path,
+                       const VolumeHeader& header,
+                       std::uint64_t chosen) {
   // Compressed data is one stream, header included; the header is read over.
   const bool is_packed = header.storage != Storage::Raw;
   ByteSource source(path, header.storage, is_packed ? 0 : header.data_begin);
-  check_declared_size(header, source);
-  std::vector<unsigned char> skipped(std::size_t{1} << 16);
-  for (std::uint64_t left = is_packed ? header.data_begin : 0; left > 0;) {
-    const auto part = static_cast<std::size_t>(std::min<std::uint64_t>(left, skipped.size()));
-    if (source.read(skipped.data(), part) < part)
-      refuse_truncated(path, header.voxel_data_bytes(), 0);
-    left -= part;
-  }
-  Grid<Value> volume(header.frame);
-  for_each_block(
-      source, header, [&](const unsigned char* bytes, std::size_t first, std::size_t count) {
-        detail::convert_voxels(path, header, bytes, first, count, volume.values.data() + first);
-      });
-  return volume;
+  return read_plain<Value>(path, header, source, is_packed ? header.data_begin : 0, chosen);
+}
+
+// ITK reads whole files only; one volume of several is read as NIfTI is.
+template <typename Value>
+Grid<Value> read_one_of_several(const std::filesystem::path& path,
+                                const VolumeHeader& header,
+                                std::uint64_t chosen) {
+  ByteSource source(header.data_file, header.storage, header.data_begin, header.data_count);
+  return read_plain<Value>(path, header, source, 0, chosen);
 }
 
 template <typename Value>
@@ -108,8 +140,10 @@ Grid<Value> read_by_itk(const std::filesystem::path& path,
   {
     ByteSource source(header.data_file, header.storage, header.data_begin, header.data_count);
     check_declared_size(header, source);
-    if (header.storage != Storage::Raw)
+    if (header.storage != Storage::Raw) {
       for_each_block(source, header, [](const unsigned char*, std::size_t, std::size_t) {});
+      source.finish(kMostSurplus);
+    }
   }
   const std::vector<unsigned char> voxels = detail::read_voxels_by_itk(path, header, format);
   VolumeHeader native = header;
@@ -123,11 +157,14 @@ Grid<Value> read_by_itk(const std::filesystem::path& path,
 template <typename Value>
 Grid<Value> read_volume(const std::filesystem::path& path,
                         const VolumeHeader& header,
-                        Format format) {
+                        Format format,
+                        std::uint64_t chosen) {
   try {
+    if (header.volumes > 1 && format != Format::Nifti)
+      return read_one_of_several<Value>(path, header, chosen);
     switch (format) {
       case Format::Nifti:
-        return read_nifti<Value>(path, header);
+        return read_nifti<Value>(path, header, chosen);
       case Format::Meta:
         return read_by_itk<Value>(path, header, detail::ItkFormat::Meta);
       case Format::Nrrd:
@@ -141,18 +178,67 @@ Grid<Value> read_volume(const std::filesystem::path& path,
   }
 }
 
+// The volume to read, from 0.
+std::uint64_t chosen_volume(const std::filesystem::path& path,
+                            const VolumeHeader& header,
+                            const ReadVolumeOptions& options) {
+  const auto& [nx, ny, nz] = header.frame.dims;
+  if (!options.volume && header.volumes > 1)
+    refuse_file(path, "is an image of 4 dimensions (" + std::to_string(nx) + " x " +
+                          std::to_string(ny) + " x " + std::to_string(nz) + " x " +
+                          std::to_string(header.volumes) +
+                          "); choose one of its volumes by --volume, 0 to " +
+                          std::to_string(header.volumes - 1));
+  const int chosen = options.volume.value_or(0);
+  if (chosen < 0 || static_cast<std::uint64_t>(chosen) >= header.volumes)
+    refuse_file(path, "has no volume " + std::to_string(chosen) + "; choose 0 to " +
+                          std::to_string(header.volumes - 1));
+  return static_cast<std::uint64_t>(chosen);
+}
+
+void check_allowed(const std::filesystem::path& path,
+                   const VolumeHeader& header,
+                   const ReadVolumeOptions& options) {
+  if (!options.allow_detached && header.data_file != path)
+    refuse_file(path, "keeps its voxels in another file, " +
+                          detail::in_quotes(header.data_file.filename().string()) +
+                          "; save both as one .mha or .nrrd file, or allow it by "
+                          "--allow-detached");
+  const double shear = shear_of(header.frame.index_to_world);
+  if (!options.allow_shear && shear > kMostShear)
+    refuse_file(path, "has sheared axes: two of them are " + detail::number_text(shear) +
+                          " off a right angle (as a cosine; at most " +
+                          detail::number_text(kMostShear) +
+                          "); resample it to a straight grid, or accept sizes and distances of "
+                          "the unsheared grid by --allow-shear");
+}
+
 }  // namespace
 
+double shear_of(const Affine& index_to_world) {
+  std::array<Vec3, 3> axes;
+  for (int axis = 0; axis < 3; ++axis) {
+    Vec3 unit{};
+    unit[axis] = 1;
+    axes[static_cast<std::size_t>(axis)] = normalized(index_to_world.linear(unit));
+  }
+  return std::max({std::abs(dot(axes[0], axes[1])), std::abs(dot(axes[0], axes[2])),
+                   std::abs(dot(axes[1], axes[2]))});
+}
+
 InputVolume read_label_volume(const std::filesystem::path& path,
-                              std::vector<std::string>* warnings) {
+                              std::vector<std::string>* warnings,
+                              const ReadVolumeOptions& options) {
   const Format format = format_of(path);
   const VolumeHeader header = parse_header(path, format);
   if (header.slope != 1 || header.intercept != 0)
     refuse_file(path, "scales its voxels (scl_slope " + detail::number_text(header.slope) +
                           ", scl_inter " + detail::number_text(header.intercept) +
                           "), which labels never need; save it with slope 1 and intercept 0");
+  check_allowed(path, header, options);
+  const std::uint64_t chosen = chosen_volume(path, header, options);
   if (warnings) warnings->insert(warnings->end(), header.warnings.begin(), header.warnings.end());
-  return read_volume<Label>(path, header, format);
+  return read_volume<Label>(path, header, format, chosen);
 }
 
 std::vector<std::filesystem::path> volume_files(const std::filesystem::path& path) {
@@ -162,11 +248,15 @@ std::vector<std::filesystem::path> volume_files(const std::filesystem::path& pat
   return files;
 }
 
-Grid<float> read_image(const std::filesystem::path& path, std::vector<std::string>* warnings) {
+Grid<float> read_image(const std::filesystem::path& path,
+                       std::vector<std::string>* warnings,
+                       const ReadVolumeOptions& options) {
   const Format format = format_of(path);
   const VolumeHeader header = parse_header(path, format);
+  check_allowed(path, header, options);
+  const std::uint64_t chosen = chosen_volume(path, header, options);
   if (warnings) warnings->insert(warnings->end(), header.warnings.begin(), header.warnings.end());
-  return read_volume<float>(path, header, format);
+  return read_volume<float>(path, header, format, chosen);
 }
 
 }  // namespace cvmesh

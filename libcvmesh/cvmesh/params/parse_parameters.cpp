@@ -86,10 +86,16 @@ struct Place {
   bool min_is_exclusive, is_optional;
 };
 
+/// A value for a message; bytes that are no UTF-8 (settings come from the command line as they are)
+/// are replaced.
+std::string text_of(const Json& value) {
+  return value.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
 [[noreturn]] void refuse_type(const Place& place, const Json& value, const std::string& wanted) {
   refuse(place.source,
-         fmt::format("{} ({}) is {}; give {}{}", place.path, value.dump(), type_word(value), wanted,
-                     place.is_optional ? ", or null for \"not set\"" : ""));
+         fmt::format("{} ({}) is {}; give {}{}", place.path, text_of(value), type_word(value),
+                     wanted, place.is_optional ? ", or null for \"not set\"" : ""));
 }
 
 void check_bounds(const Place& place, const Json& value, double number) {
@@ -98,12 +104,12 @@ void check_bounds(const Place& place, const Json& value, double number) {
     refuse(place.source,
            fmt::format("{} ({}) must be {} {}; raise it, or leave it out for the "
                        "default",
-                       place.path, value.dump(),
+                       place.path, text_of(value),
                        place.min_is_exclusive ? "greater than" : "at least", place.min));
   if (number > place.max)
     refuse(place.source,
            fmt::format("{} ({}) must be at most {}; lower it, or leave it out for the default",
-                       place.path, value.dump(), place.max));
+                       place.path, text_of(value), place.max));
 }
 
 double read_number(const Place& place, const Json& value) {
@@ -120,7 +126,7 @@ Integer read_integer(const Place& place, const Json& value) {
   const double number = value.get<double>();
   if (number != std::floor(number))
     refuse(place.source,
-           fmt::format("{} ({}) must be a whole number; round it", place.path, value.dump()));
+           fmt::format("{} ({}) must be a whole number; round it", place.path, text_of(value)));
   check_bounds(place, value, number);
   return value.is_number_integer() ? value.get<Integer>() : static_cast<Integer>(number);
 }
@@ -134,7 +140,7 @@ Enum read_choice(const Place& place, const Json& value, std::span<const std::str
   const auto found = std::find(choices.begin(), choices.end(), value.get<std::string>());
   if (found == choices.end())
     refuse(place.source, fmt::format("{} ({}) is not one of its values; give {}", place.path,
-                                     value.dump(), list));
+                                     text_of(value), list));
   return static_cast<Enum>(found - choices.begin());
 }
 
@@ -161,7 +167,7 @@ std::array<Label, 2> read_label_pair(const Place& place, const Json& value) {
   if (!value.is_array()) refuse_type(place, value, kWanted);
   if (value.size() != 2)
     refuse(place.source, fmt::format("{} ({}) has {} labels rather than 2; give {}", place.path,
-                                     value.dump(), value.size(), kWanted));
+                                     text_of(value), value.size(), kWanted));
   return {read_label_value(place, value[0]), read_label_value(place, value[1])};
 }
 
@@ -171,7 +177,7 @@ VoxelBox read_voxel_box(const Place& place, const Json& value) {
   if (!value.is_array()) refuse_type(place, value, kWanted);
   if (value.size() != 6)
     refuse(place.source, fmt::format("{} ({}) has {} numbers rather than 6; give {}", place.path,
-                                     value.dump(), value.size(), kWanted));
+                                     text_of(value), value.size(), kWanted));
   Place bounds = place;
   bounds.min = 0;
   bounds.max = std::numeric_limits<int>::max();
@@ -308,7 +314,7 @@ Owner read_entry(const std::vector<ParameterInfo<Owner>>& table,
   for (const ParameterInfo<Owner>& info : table)
     if (info.is_required && !value.contains(info.key))
       refuse(place.source, fmt::format("{} ({}) has no key \"{}\"; write it like {}", place.path,
-                                       value.dump(), info.key, example));
+                                       text_of(value), info.key, example));
   return owner;
 }
 
@@ -403,7 +409,7 @@ void refuse_two_scales(const Json& object, const std::string& source) {
     if (!is_set(object, key)) continue;
     if (first != nullptr)
       refuse(source, fmt::format("{} ({}) and {} ({}) exclude each other; set one of them to null",
-                                 first, object[first].dump(), key, object[key].dump()));
+                                 first, text_of(object[first]), key, text_of(object[key])));
     first = key;
   }
 }

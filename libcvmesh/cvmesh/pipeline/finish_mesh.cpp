@@ -37,7 +37,10 @@ std::vector<bool> sampled_materials(const LabelVolume& labels, const SampleParam
 
 Grid<float> read_sample(const Run& run, bool is_first) {
   std::vector<std::string> warnings;
-  Grid<float> image = read_image(run.request.sample, &warnings);
+  // Shear is no matter for values at points; a choice of volume is the labels' own.
+  const ReadVolumeOptions options{.allow_shear = true,
+                                  .allow_detached = run.request.read.allow_detached};
+  Grid<float> image = read_image(run.request.sample, &warnings, options);
   if (is_first)
     for (const std::string& warning : warnings)
       run.context.log->warn("sample: {}", warning);

@@ -144,7 +144,7 @@ Report judge_mesh(const JudgeRequest& request, const StageContext& context) {
       stage_names::kLabels,
       [&] {
         std::vector<std::string> warnings;
-        const InputVolume volume = read_label_volume(request.labels, &warnings);
+        const InputVolume volume = read_label_volume(request.labels, &warnings, request.read);
         for (const std::string& warning : warnings)
           context.log->warn("{}", warning);
         report.input = summarize_input(volume, request.labels);

@@ -3,6 +3,7 @@
 
 #include "cvmesh/core/context.h"
 #include "cvmesh/grid/grid_frame.h"
+#include "cvmesh/io/volume_reader.h"
 #include "cvmesh/params/parameters.h"
 #include "cvmesh/report/report.h"
 
@@ -16,8 +17,9 @@ struct JudgeRequest {
   std::filesystem::path labels;                ///< the volume that they should fill
   std::optional<std::filesystem::path> truth;  ///< .off, .ply or .stl, in the mesh's coordinates
   std::optional<Space>
-      space;              ///< of the mesh, where its file does not state it; default: the volume's
-  Parameters parameters;  ///< of these, those that clean labels are used
+      space;               ///< of the mesh, where its file does not state it; default: the volume's
+  ReadVolumeOptions read;  ///< of the labels
+  Parameters parameters;   ///< of these, those that clean labels are used
 };
 
 /// The metrics of a mesh of any program against the label volume: what the report of a run has,

@@ -55,14 +55,51 @@ bool begins_with_mark(const fs::path& file, std::string_view mark) {
   return head.find(mark) != std::string::npos;
 }
 
-void remove_surface_parts(const fs::path& folder, const std::string& name) {
+/// Surfaces of single labels and interfaces, in the order of their names.
+std::vector<fs::path> surface_parts_of(const fs::path& stem) {
   std::error_code ignored;
   std::vector<fs::path> found;
-  for (fs::directory_iterator entry(folder, ignored), end; entry != end; entry.increment(ignored))
+  const std::string name = stem.filename().string();
+  for (fs::directory_iterator entry(stem.parent_path(), ignored), end; entry != end;
+       entry.increment(ignored))
     if (is_surface_part_file(entry->path().filename().string(), name))
       found.push_back(entry->path());
-  for (const fs::path& file : found)
-    fs::remove(file, ignored);
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+fs::path with_suffix(const fs::path& stem, const std::string& suffix) {
+  return fs::path(stem) += suffix;
+}
+
+/// Results of an earlier run of that name.
+std::vector<fs::path> results_of(const fs::path& stem) {
+  std::vector<fs::path> results;
+  std::error_code ignored;
+  for (const char* suffix : kResultSuffixes)
+    if (fs::exists(with_suffix(stem, suffix), ignored))
+      results.push_back(with_suffix(stem, suffix));
+  for (const MarkedFile& file : kMarkedFiles)
+    if (begins_with_mark(with_suffix(stem, file.suffix), file.mark))
+      results.push_back(with_suffix(stem, file.suffix));
+  const std::vector<fs::path> parts = surface_parts_of(stem);
+  results.insert(results.end(), parts.begin(), parts.end());
+  return results;
+}
+
+std::vector<fs::path> stages_in(const fs::path& folder) {
+  std::vector<fs::path> stages;
+  std::error_code ignored;
+  for (const char* file : kStageFiles)
+    if (fs::exists(folder / file, ignored)) stages.push_back(folder / file);
+  return stages;
+}
+
+[[noreturn]] void refuse_overwrite(const fs::path& file) {
+  throw Error(ErrorCode::Output, stage_names::kWrite,
+              "'" + file.string() +
+                  "' is there already; give --force to replace the results of an earlier run, or "
+                  "choose another --out");
 }
 
 }  // namespace
@@ -73,7 +110,7 @@ std::string input_stem(const fs::path& input) {
   return name.stem().string();
 }
 
-OutputFolder::OutputFolder(fs::path folder, std::string name)
+OutputFolder::OutputFolder(fs::path folder, std::string name, const OutputPlan& plan)
     : folder_(std::move(folder)), name_(std::move(name)) {
   std::error_code error;
   fs::create_directories(folder_, error);
@@ -83,20 +120,24 @@ OutputFolder::OutputFolder(fs::path folder, std::string name)
               "; choose another one");
   check_writable(folder_);
   std::error_code ignored;
-  for (const char* suffix : kResultSuffixes)
-    fs::remove(folder_ / (name_ + suffix), ignored);
-  for (const MarkedFile& file : kMarkedFiles) {
-    const fs::path path = folder_ / (name_ + file.suffix);
-    if (begins_with_mark(path, file.mark)) fs::remove(path, ignored);
+  std::vector<fs::path> old_files = results_of(folder_ / name_);
+  const std::vector<fs::path> old_stages = stages_in(folder_ / kStageFolder);
+  if (plan.has_stages || plan.replace)
+    old_files.insert(old_files.end(), old_stages.begin(), old_stages.end());
+  if (!plan.replace) {
+    if (!old_files.empty()) refuse_overwrite(old_files.front());
+    for (const std::string& suffix : plan.suffixes)
+      if (fs::exists(with_suffix(folder_ / name_, suffix), ignored))
+        refuse_overwrite(with_suffix(folder_ / name_, suffix));
   }
-  remove_surface_parts(folder_, name_);
-  for (const char* file : kStageFiles)
-    fs::remove(folder_ / kStageFolder / file, ignored);
+  for (const fs::path& file : old_files)
+    fs::remove(file, ignored);
   fs::remove(folder_ / kStageFolder, ignored);  // only if nothing else is in it
   fs::remove(failure_file(), ignored);
 }
 
 fs::path OutputFolder::add(const std::string& suffix) {
+  const std::lock_guard lock(mutex_);
   return files_.emplace_back(folder_ / (name_ + suffix));
 }
 
@@ -106,7 +147,13 @@ fs::path OutputFolder::add_stage(const std::string& file) {
   require(!error, ErrorCode::Output, stage_names::kWrite,
           "the folder '" + (folder_ / kStageFolder).string() +
               "' cannot be made: " + error.message() + "; choose another output folder");
+  const std::lock_guard lock(mutex_);
   return files_.emplace_back(folder_ / kStageFolder / file);
+}
+
+std::vector<fs::path> OutputFolder::files() const {
+  const std::lock_guard lock(mutex_);
+  return files_;
 }
 
 fs::path OutputFolder::failure_file() const {
@@ -114,11 +161,18 @@ fs::path OutputFolder::failure_file() const {
 }
 
 void OutputFolder::discard() noexcept {
+  const std::lock_guard lock(mutex_);
   std::error_code ignored;
   for (const fs::path& file : files_)
     fs::remove(file, ignored);
   fs::remove(folder_ / kStageFolder, ignored);
   files_.clear();
+}
+
+void OutputFolder::abandon() noexcept {
+  remove_temporaries(folder_ / kStageFolder);
+  remove_temporaries(folder_);
+  discard();
 }
 
 }  // namespace cvmesh

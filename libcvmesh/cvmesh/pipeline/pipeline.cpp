@@ -11,8 +11,10 @@
 #include "cvmesh/io/volume_reader.h"
 #include "cvmesh/levelset/resample_labels.h"
 #include "cvmesh/metrics/facet_distances.h"
+#include "cvmesh/metrics/voxel_features.h"
 #include "cvmesh/pipeline/check_mesh.h"
 #include "cvmesh/pipeline/finish_mesh.h"
+#include "cvmesh/pipeline/forecast.h"
 #include "cvmesh/pipeline/label_options.h"
 #include "cvmesh/pipeline/library_versions.h"
 #include "cvmesh/pipeline/mesh_at_scale.h"
@@ -50,7 +52,7 @@ InputVolume read(Run& run) {
       stage_names::kRead,
       [&] {
         std::vector<std::string> warnings;
-        InputVolume read_volume = read_label_volume(run.request.input, &warnings);
+        InputVolume read_volume = read_label_volume(run.request.input, &warnings, run.request.read);
         for (const std::string& warning : warnings)
           run.context.log->warn("{}", warning);
         return read_volume;
@@ -289,8 +291,30 @@ void write_html_report(Run& run,
       [](std::size_t bytes) { return fmt::format("{:.1f} MB", static_cast<double>(bytes) / 1e6); });
 }
 
+/// A run that cannot keep its limits is better refused now than stopped after an hour. Forecasts
+/// are good to a factor of two, machines differ, too: what may still fit is tried.
+void check_limits(Run& run, const LabelVolume& labels) {
+  constexpr double kMemoryDoubt = 2, kTimeDoubt = 4;
+  const RunLimits& limits = run.request.limits;
+  if (limits.memory_mb <= 0 && limits.time_s <= 0) return;
+  const Forecast forecast = make_forecast(labels, measure_voxel_features(labels),
+                                          run.request.parameters, run.report.threads);
+  const auto refuse = [&](const char* what, double need, double bound, const char* unit,
+                          const char* option) {
+    throw Error(ErrorCode::Limit, stage_names::kLabels,
+                fmt::format("the run needs about {:.3g} {} of {}, far above the limit of {:g} {}; "
+                            "raise {}, crop the volume by region_of_interest, or raise epsilon",
+                            need, unit, what, bound, unit, option));
+  };
+  if (limits.memory_mb > 0 && forecast.memory_mb > kMemoryDoubt * limits.memory_mb)
+    refuse("memory", forecast.memory_mb, limits.memory_mb, "MiB", "--memory-limit");
+  if (limits.time_s > 0 && forecast.seconds > kTimeDoubt * limits.time_s)
+    refuse("time", forecast.seconds, limits.time_s, "s", "--time-limit");
+}
+
 void run_stages(Run& run) {
   const LabelVolume native = read_and_clean(run);
+  check_limits(run, native);
   check_boxes(run);
   check_finish(run, native);
   warn_of_absent_labels(run, native);
@@ -336,17 +360,50 @@ Error as_error(const std::exception_ptr& pointer, const std::string& stage) {
   }
 }
 
+int signal_of(const RunRequest& request) {
+  return request.signal == nullptr ? 0 : request.signal->load();
+}
+
+/// A cancel by a signal, told as such.
+Error with_signal(const Error& error, const RunRequest& request) {
+  const int signal = signal_of(request);
+  if (signal == 0) return error;
+  return {ErrorCode::Limit, error.stage(),
+          fmt::format("stopped by signal {}; nothing but the failure file was written", signal)};
+}
+
 /// Why the run failed goes into a file, too; if even that cannot be written, the error itself
 /// still says it.
 void write_failure(const OutputFolder& outputs,
                    const Report& report,
                    const Error& error,
+                   int signal,
                    const StageContext& context) {
   try {
-    write_json(outputs.failure_file(), failure_json(report, error));
+    write_json(outputs.failure_file(), failure_json(report, error, signal));
   } catch (const std::exception& second) {
     context.log->warn("{}", second.what());
   }
+}
+
+OutputPlan plan_of(const RunRequest& request) {
+  OutputPlan plan{.suffixes = mesh_suffixes(request),
+                  .has_stages = request.keep_stages,
+                  .replace = request.force};
+  if (request.html_report) plan.suffixes.emplace_back(".report.html");
+  plan.suffixes.emplace_back(".metrics.json");
+  return plan;
+}
+
+Report empty_report(const RunRequest& request) {
+  Report report;
+  report.version = kVersion;
+  report.libraries = library_versions();
+  report.parameters = request.parameters;
+  report.input.file = request.input.filename().string();
+  report.threads = static_cast<int>(
+      tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism));
+  return report;
 }
 
 }  // namespace
@@ -355,7 +412,7 @@ RunResult run_pipeline(const RunRequest& request, const StageContext& given) {
   const Timer timer;
   StageContext context = given;
   context.seed = request.parameters.seed;
-  Report report;
+  Report report = empty_report(request);
   context.log = make_warning_log(given.log, report.warnings);
   std::error_code ignored;
   require(std::filesystem::exists(request.input, ignored), ErrorCode::BadInput, stage_names::kRead,
@@ -368,14 +425,19 @@ RunResult run_pipeline(const RunRequest& request, const StageContext& given) {
   if (request.surface_only) refuse_gates_of_tets(request.parameters.gates);
   if (!request.surface_only) find_tetgen_helper();  // a missing helper ends the run here, not late
 
-  OutputFolder outputs(request.out_dir, input_stem(request.input));
-  report.version = kVersion;
-  report.libraries = library_versions();
-  report.parameters = request.parameters;
-  report.input.file = request.input.filename().string();
-  report.threads = static_cast<int>(
-      tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism));
+  OutputFolder outputs(request.out_dir, input_stem(request.input), plan_of(request));
   StageRunner stage(context, report);
+  const Report as_begun = report;
+  const Watchdog watchdog(
+      request.limits, given.cancel, [&] { return stage.current(); },
+      request.on_stuck ? [&](const Error& error) {
+        // The stages' thread still works on its report; the one from the start is safe to read.
+        const Error told = with_signal(error, request);
+        write_failure(outputs, as_begun, told, signal_of(request), context);
+        outputs.abandon();
+        request.on_stuck(told);
+      } : Watchdog::Stuck());
+  context.cancel = watchdog.stop_flag();
   Run run{request, context, outputs, report, stage};
   try {
     run_stages(run);
@@ -383,10 +445,11 @@ RunResult run_pipeline(const RunRequest& request, const StageContext& given) {
     write_json(outputs.add(".metrics.json"), report_json(report));
     return {std::move(report), outputs.files()};
   } catch (...) {
-    const Error error = as_error(std::current_exception(), stage.current());
+    const Error caught = as_error(std::current_exception(), stage.current());
+    const Error error = with_signal(watchdog.limit_reached().value_or(caught), request);
     outputs.discard();
     report.total_seconds = timer.seconds();
-    write_failure(outputs, report, error, context);
+    write_failure(outputs, report, error, signal_of(request), context);
     throw error;
   }
 }

@@ -3,7 +3,9 @@
 
 #include "cvmesh/core/context.h"
 #include "cvmesh/grid/grid_frame.h"
+#include "cvmesh/io/volume_reader.h"
 #include "cvmesh/params/parameters.h"
+#include "cvmesh/pipeline/watchdog.h"
 #include "cvmesh/report/report.h"
 
 #include <filesystem>
@@ -38,6 +40,15 @@ struct RunRequest {
   /// To write; with `surface_only` those of tets are left out.
   std::set<MeshFormat> formats{MeshFormat::Vtu, MeshFormat::Mesh};
   bool html_report = false;  ///< NAME.report.html, too
+  ReadVolumeOptions read;
+  bool force = false;  ///< replace results of an earlier run, and files of their names
+  RunLimits limits;
+  /// The signal that set the caller's cancel flag, 0 for none: for messages; may be null.
+  const std::atomic<int>* signal = nullptr;
+  /// Called from another thread when the stages did not stop in time after a cancel or at a limit.
+  /// No file of this run but NAME.failed.json is there then. It is meant to end the process; where
+  /// it is empty, the run ends when the stage looks.
+  Watchdog::Stuck on_stuck;
 };
 
 struct RunResult {
@@ -49,11 +60,13 @@ struct RunResult {
 ///
 /// With NAME the input's file name without its suffix, writes the formats asked for,
 /// NAME.surface.vtp, on request NAME.report.html and, last, NAME.metrics.json; files of an earlier
-/// run of that NAME are removed when the run starts, and a failed run leaves nothing but
+/// run of that NAME are removed when the run starts, where `force` allows it, and a failed run
+/// leaves nothing but
 /// NAME.failed.json. The seed of the run is that of the parameters, whatever `context` says.
 ///
 /// @throws Error with the codes of README, "Exit codes"; Output before any long work when
-///         `out_dir` cannot be written
+///         `out_dir` cannot be written or has such files; Limit before most of it when the forecast
+///         is far beyond a limit
 RunResult run_pipeline(const RunRequest& request, const StageContext& context);
 
 }  // namespace cvmesh

@@ -36,7 +36,8 @@ std::string run_key(const RunRequest& request) {
       {"sample", request.sample.empty() ? "" : digests_of_volume(request.sample)},
       {"parameters", parameters_to_json(request.parameters)},
       {"space", request.space ? space_name(*request.space) : ""},
-      {"options", {request.keep_stages, request.surface_only}}};
+      {"volume", request.read.volume.value_or(0)},
+      {"options", {request.keep_stages, request.surface_only, request.html_report}}};
   for (const auto& [label, name] : request.label_names)
     asked["label_names"].push_back({label, name});
   for (const MeshFormat format : request.formats)

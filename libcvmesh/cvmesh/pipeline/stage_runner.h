@@ -5,6 +5,7 @@
 #include "cvmesh/core/timer.h"
 #include "cvmesh/report/report.h"
 
+#include <atomic>
 #include <string>
 #include <utility>
 
@@ -27,8 +28,8 @@ class StageRunner {
     return result;
   }
 
-  /// The stage that is running or ran last.
-  [[nodiscard]] const std::string& current() const { return current_; }
+  /// The stage that is running or ran last; any thread may ask.
+  [[nodiscard]] std::string current() const { return current_.load(); }
 
  private:
   void begin(const char* name);
@@ -36,7 +37,7 @@ class StageRunner {
 
   const StageContext& context_;
   Report& report_;
-  std::string current_ = "pipeline";
+  std::atomic<const char*> current_ = "pipeline";
 };
 
 }  // namespace cvmesh

@@ -87,6 +87,14 @@ void write_files(Run& run, const LabelVolume& labels, const TetMesh& tets) {
 
 }  // namespace
 
+std::vector<std::string> mesh_suffixes(const RunRequest& request) {
+  std::vector<std::string> suffixes = {".surface.vtp"};
+  for (const TetFormat& entry : kTetFormats)
+    if (!request.surface_only && request.formats.contains(entry.format))
+      suffixes.emplace_back(entry.suffix);
+  return suffixes;
+}
+
 void write_results(Run& run, const LabelVolume& labels, const TetMesh& tets) {
   require_positive(run, tets);
   run.stage.run(

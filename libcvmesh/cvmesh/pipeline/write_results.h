@@ -5,7 +5,14 @@
 #include "cvmesh/mesh/tet_mesh.h"
 #include "cvmesh/pipeline/run.h"
 
+#include <string>
+#include <vector>
+
 namespace cvmesh {
+
+/// Suffixes of the mesh's files, but for those of single labels and interfaces, whose names are
+/// known only later.
+std::vector<std::string> mesh_suffixes(const RunRequest& request);
 
 /// Writes the finished mesh, in the frame of `labels`, in every format that the run asks for, and
 /// NAME.surface.vtp.

@@ -248,11 +248,12 @@ Json report_json(const Report& report) {
   return object;
 }
 
-Json failure_json(const Report& report, const Error& error) {
+Json failure_json(const Report& report, const Error& error, int signal) {
+  constexpr int kSignalExitBase = 128;
   Json object = header(report, "failed");
   object["stage"] = error.stage();
-  object["code"] = code_name(error.code());
-  object["exit_code"] = static_cast<int>(error.code());
+  object["code"] = signal != 0 ? "Signal" : code_name(error.code());
+  object["exit_code"] = signal != 0 ? kSignalExitBase + signal : static_cast<int>(error.code());
   object["message"] = error.message();
   add_body(report, object);
   return object;

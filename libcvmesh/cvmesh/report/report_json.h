@@ -24,8 +24,9 @@ inline constexpr char kRunKey[] = "run_key";
 nlohmann::ordered_json report_json(const Report& report);
 
 /// What is known when a run has failed, NAME.failed.json: {cvmesh, schema_version, status, stage,
-/// code, message, input, parameters, results (of the stages that had finished), timings}.
-nlohmann::ordered_json failure_json(const Report& report, const Error& error);
+/// code, exit_code, message, input, parameters, results (of the stages that had finished),
+/// timings}. With the signal that stopped it the code is "Signal" and the exit code 128 + signal.
+nlohmann::ordered_json failure_json(const Report& report, const Error& error, int signal = 0);
 
 /// "BadInput" and so on.
 const char* code_name(ErrorCode code);
