@@ -419,3 +419,32 @@ TEST_CASE("parse_parameters: grid_spacing_mm is a length, \"auto\" or nothing", 
     CHECK(parse(parameters_to_json(p).dump().c_str()).grid_spacing_mm == p.grid_spacing_mm);
   }
 }
+
+TEST_CASE("parse_parameters: contact names labels by value or name", "[params][unit]") {
+  const Parameters p = parse(R"({"contact": [["stem", "cement"], [3, -4], [1, "1"]]})");
+  REQUIRE(p.contact.size() == 3);
+  CHECK(std::get<std::string>(p.contact[0][1]) == "cement");
+  CHECK(std::get<Label>(p.contact[1][1]) == -4);
+  CHECK(parse(parameters_to_json(p).dump().c_str()).contact == p.contact);
+  for (const char* text : {R"({"contact": ["stem", "cement"]})", R"({"contact": [[1, 2, 3]]})",
+                           R"({"contact": {"1": 2}})", R"({"contact": [[1, 1.5]]})"})
+    CHECK(refusal(text).find("contact") != std::string::npos);
+  CHECK(refusal(R"({"contact": [[2, 2]]})").find("names one label twice") != std::string::npos);
+}
+
+TEST_CASE("parse_parameters: the laws of a sample need each other", "[params][unit]") {
+  const Parameters p = parse(R"({"sample": {"labels": [5, 4], "density_slope": -0.5,
+    "density_intercept": 1.5, "modulus_factor": 6850, "modulus_exponent": 1.49, "bins": 9}})");
+  CHECK(p.sample.labels == std::vector<Label>{4, 5});
+  CHECK(p.sample.density_slope == -0.5);
+  CHECK(p.sample.modulus_exponent == 1.49);
+  CHECK(p.sample.poisson_ratio == 0.3);
+  CHECK(parameters_to_json(parse(parameters_to_json(p).dump().c_str())) == parameters_to_json(p));
+  CHECK(refusal(R"({"sample": {"modulus_factor": 1}})").find("needs a density") !=
+        std::string::npos);
+  CHECK(refusal(R"({"sample": {"density_slope": 1, "bins": 2}})").find("needs a modulus") !=
+        std::string::npos);
+  CHECK(refusal(R"({"sample": {"slope": 1}})").find("sample.slope") != std::string::npos);
+  CHECK(refusal(R"({"sample": {"poisson_ratio": 0.5}})").find("at most 0.499") !=
+        std::string::npos);
+}

@@ -28,6 +28,12 @@ struct MshMesh {
     return types[placed.is_second_order() ? 1 : 0];
   }
 
+  /// Tag of the physical surface of a row. Some readers put equal tags of volumes and surfaces
+  /// together, so these follow the tags of the volumes.
+  [[nodiscard]] std::int64_t surface_tag(std::size_t row) const {
+    return *std::max_element(tag_of.begin(), tag_of.end()) + static_cast<std::int64_t>(row + 1);
+  }
+
   /// Triangles come first: a tet's number follows theirs.
   [[nodiscard]] std::size_t number_of_tet(std::size_t tet) const {
     return placed.mesh.surface.facets.size() + tet + 1;
@@ -82,12 +88,12 @@ void write_head(AtomicFile& file, const MshMesh& msh, const char* version, Space
     text += "physical volume " + std::to_string(msh.tag_of[id]) + ": label " +
             std::to_string(msh.labels.label_of[id]) + " \"" + names[id] + "\"\n";
   for (std::size_t row = 0; row < interfaces.size(); ++row)
-    text += "physical surface " + std::to_string(row + 1) + ": " +
+    text += "physical surface " + std::to_string(msh.surface_tag(row)) + ": " +
             describe_interface(msh.table.patches[row], msh.labels) + "\n";
   text += "$EndComments\n$PhysicalNames\n" + std::to_string(interfaces.size() + names.size() - 1) +
           "\n";
   for (std::size_t row = 0; row < interfaces.size(); ++row)
-    text += "2 " + std::to_string(row + 1) + " \"" + interfaces[row] + "\"\n";
+    text += "2 " + std::to_string(msh.surface_tag(row)) + " \"" + interfaces[row] + "\"\n";
   for (std::size_t id = 1; id < names.size(); ++id)
     text += "3 " + std::to_string(msh.tag_of[id]) + " \"" + names[id] + "\"\n";
   file.write(text + "$EndPhysicalNames\n");
@@ -198,12 +204,9 @@ void write_entities(AtomicFile& file, const MshMesh& msh) {
   std::string head =
       "$Entities\n0 0 " + std::to_string(surfaces.size()) + " " + std::to_string(count) + "\n";
   for (std::size_t row = 0; row < surfaces.size(); ++row) {
-    const std::string tag = std::to_string(row + 1);
-    head += tag;
+    head += std::to_string(row + 1);
     append_box(head, surfaces[row]);
-    head += " 1 ";
-    head += tag;
-    head += " 0\n";
+    head += " 1 " + std::to_string(msh.surface_tag(row)) + " 0\n";
   }
   file.write(head + text + "$EndEntities\n");
 }
@@ -300,7 +303,7 @@ void write_elements_22(AtomicFile& file, const MshMesh& msh) {
   for (std::size_t row = 0; row < msh.faces_of.size(); ++row) {
     const auto tag = static_cast<std::int64_t>(row + 1);
     for (const ElementFace& face : msh.faces_of[row])
-      write_element(msh.type(kTriangle), tag, tag, msh.placed.nodes_of(face));
+      write_element(msh.type(kTriangle), msh.surface_tag(row), tag, msh.placed.nodes_of(face));
   }
   for (std::size_t tet = 0; tet < mesh.tets.size(); ++tet) {
     const MaterialId id = mesh.material_of[tet];

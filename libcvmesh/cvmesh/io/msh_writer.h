@@ -16,8 +16,8 @@ inline constexpr char kMshMark[] = "cvmesh: mesh for Gmsh";
 ///
 /// Physical volumes are the labels, by name, with the label's value as tag; labels of 0 and less,
 /// which Gmsh takes for none, get tags above the largest label, as comments say. Physical surfaces
-/// are the interfaces, their tags the rows of the interface table as in the Medit file, their
-/// triangles turned from inside to outside. Nodes are the mesh's points, then its mid nodes;
+/// are the interfaces, their tags the rows of the interface table above the tags of all volumes,
+/// their triangles turned from inside to outside. Nodes are the mesh's points, then its mid nodes;
 /// numbers are in their shortest form that reads back as the same double. Tets of second order are
 /// 10-node tets whose last two nodes stand in Gmsh's order. Copies of nodes at contacts are told
 /// by the node data `original_point`, values sampled onto the tets are element data.

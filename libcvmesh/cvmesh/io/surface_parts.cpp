@@ -137,19 +137,16 @@ void write_stl(const std::filesystem::path& path,
 
 void write_ply(const std::filesystem::path& path,
                const SurfacePart& part,
-               const LabelVolume& labels,
                const Affine& mm_to_out,
                Space space) {
   const Placement place(mm_to_out);
   const InterfaceMesh& mesh = part.mesh;
-  const std::vector<Label> label_of = output_labels(labels);
   AtomicFile file(path);
   file.write("ply\nformat binary_little_endian 1.0\ncomment " + header(part, space) +
              "\nelement vertex " + std::to_string(mesh.points.size()) +
              "\nproperty double x\nproperty double y\nproperty double z\nelement face " +
              std::to_string(mesh.facets.size()) +
-             "\nproperty list uchar int vertex_indices\nproperty int inside_label\n"
-             "property int outside_label\nend_header\n");
+             "\nproperty list uchar int vertex_indices\nend_header\n");
   std::string bytes;
   for (const Vec3& point : mesh.points) {
     const Vec3 p = place(point);
@@ -158,12 +155,10 @@ void write_ply(const std::filesystem::path& path,
       append_bytes(bytes, p[axis]);
     file.write(bytes);
   }
-  for (std::size_t i = 0; i < mesh.facets.size(); ++i) {
+  for (const auto& facet : mesh.facets) {
     bytes.assign(1, '\3');
-    for (const std::int32_t v : place(mesh.facets[i]))
+    for (const std::int32_t v : place(facet))
       append_bytes(bytes, v);
-    append_bytes(bytes, label_of[mesh.patch_of[i].sides.inside]);
-    append_bytes(bytes, label_of[mesh.patch_of[i].sides.outside]);
     file.write(bytes);
   }
   file.commit();

@@ -37,12 +37,11 @@ void write_stl(const std::filesystem::path& path,
                const Affine& mm_to_out,
                Space space);
 
-/// Writes one part as binary PLY, coordinates in double precision; `inside_label` and
-/// `outside_label` of each face; space and description as comments.
+/// Writes one part as binary PLY, coordinates in double precision; space and description as a
+/// comment. Faces have no further properties: not every reader knows them.
 /// @throws Error Output when the file cannot be written
 void write_ply(const std::filesystem::path& path,
                const SurfacePart& part,
-               const LabelVolume& labels,
                const Affine& mm_to_out,
                Space space);
 

@@ -61,8 +61,7 @@ void write_surface_parts(Run& run, const LabelVolume& labels, const InterfaceMes
   for (const SurfacePart& part : surface_parts(surface, labels)) {
     const auto file = [&](const char* suffix) { return run.outputs.add("." + part.name + suffix); };
     if (formats.contains(MeshFormat::Stl)) write_stl(file(".stl"), part, run.mm_to_out, run.space);
-    if (formats.contains(MeshFormat::Ply))
-      write_ply(file(".ply"), part, labels, run.mm_to_out, run.space);
+    if (formats.contains(MeshFormat::Ply)) write_ply(file(".ply"), part, run.mm_to_out, run.space);
     if (formats.contains(MeshFormat::Vtp))
       write_surface_vtp(file(".vtp"), part.mesh, labels, run.mm_to_out, run.space);
   }
