@@ -75,13 +75,12 @@ def run(command):
 
 def run_cvmesh(build, volume, settings, threads, out):
     """One run: its stages, counts, wall time; the mesh stays in `out`."""
-    command = [build / "bin" / "cvmesh", "mesh", volume, "--out", out, "--quiet"]
+    command = [build / "bin" / "cvmesh", "mesh", volume, "--out", out, "--quiet", "--force"]
     if threads:
         command += ["--threads", threads]
     for key, value in settings.items():
         command += ["--set", f"{key}={value}"]
     stem = volume.name.removesuffix(".gz").removesuffix(".nii")
-    (out / f"{stem}.metrics.json").unlink(missing_ok=True)
     _, seconds = run(command)
     with open(out / f"{stem}.metrics.json", encoding="utf-8") as file:
         report = json.load(file)

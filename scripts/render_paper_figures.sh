@@ -25,7 +25,7 @@ mesh() {
   settings=""
   for setting in "$@"; do settings="$settings --set $setting"; done
   # shellcheck disable=SC2086  # settings hold no spaces
-  "$cvmesh" mesh "$data/$volume.nii.gz" --out "$work/$name" --keep-stages --quiet $settings
+  "$cvmesh" mesh "$data/$volume.nii.gz" --out "$work/$name" --keep-stages --quiet --force $settings
 }
 
 surfaces() { "$scripts/render_surfaces.py" "$@"; }

@@ -131,7 +131,7 @@ class Runner:
         out = self.folder / "_".join([stem(volume)] + settings).replace("=", "")
         path = out / f"{stem(volume)}.metrics.json"
         if not path.exists():
-            command = [str(self.cvmesh), "mesh", str(volume), "--out", str(out), "--quiet",
+            command = [str(self.cvmesh), "mesh", str(volume), "--out", str(out), "--quiet", "--force",
                        "--formats", "vtu,mesh", "--set", f"r={R}"]
             for setting in settings:
                 command += ["--set", setting]

@@ -169,7 +169,7 @@ def make_meshes(cvmesh, tools, data, out):
     for name, epsilon, size in CASES:
         volume = data / f"{name}.nii.gz"
         own = out / f"{name}.mesh"
-        run(cvmesh, "mesh", volume, "--out", out, "--set", f"epsilon={epsilon}", "--formats", "mesh", "-q")
+        run(cvmesh, "mesh", volume, "--out", out, "--set", f"epsilon={epsilon}", "--formats", "mesh", "-q", "--force")
         yield own, volume
         header = json.loads((out / f"{name}.metrics.json").read_text())["input"]["spacing_mm"]
         length = size * min(header)

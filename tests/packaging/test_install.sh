@@ -19,7 +19,7 @@ cmake --install "$build" --prefix "$out/prefix" > "$out/install.log"
 test -f "$out/prefix/share/man/man1/cvmesh.1"
 test -f "$out/prefix/share/bash-completion/completions/cvmesh"
 test -x "$out/prefix/share/cvmesh/cohort/slurm_cohort.sh"
-"$out/prefix/bin/cvmesh" mesh "$volume" --out "$out/installed" --set epsilon=3 --quiet
+"$out/prefix/bin/cvmesh" mesh "$volume" --out "$out/installed" --set epsilon=3 --quiet --force
 
 cmake -S "$source/examples/consumer" -B "$out/consumer" "-DCMAKE_PREFIX_PATH=$out/prefix" \
   -DCMAKE_BUILD_TYPE=Release > "$out/consumer.log"
@@ -41,7 +41,7 @@ dpkg-deb --field "$package" Package Version Depends
 dpkg-deb --field "$package" Depends | grep -q libtbb
 dpkg-deb --extract "$package" "$out/root"
 "$out/root/usr/bin/cvmesh" --version
-"$out/root/usr/bin/cvmesh" mesh "$volume" --out "$out/unpacked" --set epsilon=3 --quiet
+"$out/root/usr/bin/cvmesh" mesh "$volume" --out "$out/unpacked" --set epsilon=3 --quiet --force
 # The same program: the same mesh.
 cmp "$out/installed/$(ls "$out/installed" | grep '\.vtu$')" \
   "$out/unpacked/$(ls "$out/unpacked" | grep '\.vtu$')"

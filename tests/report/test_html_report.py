@@ -207,7 +207,7 @@ def main():
         return SKIPPED
     out.mkdir(parents=True, exist_ok=True)
     run([phantom, "spheres", "--out", out / "spheres.nii.gz"])
-    command = [cvmesh, "mesh", out / "spheres.nii.gz", "--out", out, "--report", "--quiet",
+    command = [cvmesh, "mesh", out / "spheres.nii.gz", "--out", out, "--report", "--quiet", "--force",
                "--set", f"labels.1.name={HOSTILE}", "--set", "epsilon=0.8"]
     run(command)
     page = out / "spheres.report.html"

@@ -46,7 +46,7 @@ def run(command, **options):
 
 
 def make_mesh(cvmesh, image, parameters, settings, out):
-    command = [cvmesh, "mesh", image, "--params", parameters, "--formats", "inp", "--out", out,
+    command = [cvmesh, "mesh", image, "--params", parameters, "--formats", "inp", "--out", out, "--force",
                "--quiet", "--force"]
     for setting in [f"epsilon={EPSILON}", f"labels.6.name={HOSTILE}"] + settings:
         command += ["--set", setting]

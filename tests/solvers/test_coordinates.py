@@ -211,7 +211,7 @@ def check_volume(cvmesh, path, affine, native, out):
     to_space = {"RAS": np.eye(3), "LPS": LPS}
     for option, space in (("input", native), ("ras", "RAS"), ("lps", "LPS")):
         folder = out / option
-        subprocess.run([cvmesh, "mesh", path, "--out", folder, "--space", option, "--quiet",
+        subprocess.run([cvmesh, "mesh", path, "--out", folder, "--space", option, "--quiet", "--force",
                         "--set", "epsilon=2", "--formats", ",".join(FORMATS)], check=True)
         world = np.eye(4)
         world[:3] = to_space[space] @ affine[:3]

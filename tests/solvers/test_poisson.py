@@ -98,7 +98,7 @@ def main():
     errors = []
     for target in TARGETS:
         folder = out / str(target)
-        subprocess.run([cvmesh, "mesh", out / "ball.nii.gz", "--out", folder, "--quiet",
+        subprocess.run([cvmesh, "mesh", out / "ball.nii.gz", "--out", folder, "--quiet", "--force",
                         "--formats", "msh22", "--set", f"target_vertices={target}",
                         "--set", "labels.1.name=inner", "--set", "labels.2.name=outer"], check=True)
         tets = json.loads((folder / "ball.metrics.json").read_text())["results"]["mesh"]["tets"]

@@ -75,7 +75,7 @@ def main():
     out.mkdir(parents=True, exist_ok=True)
     make_images(out)
     laws = {"density_slope": 0.001, "modulus_factor": FACTOR_MPA, "bins": BINS, "poisson_ratio": 0}
-    subprocess.run([cvmesh, "mesh", out / "bar.nii.gz", "--out", out, "--quiet", "--formats", "inp",
+    subprocess.run([cvmesh, "mesh", out / "bar.nii.gz", "--out", out, "--quiet", "--force", "--formats", "inp",
                     "--sample", out / "ct.nii.gz", "--set", "max_edge_mm=1.5",
                     "--set", "sample=" + json.dumps(laws)], check=True)
     make_deck(out / "bar.inp")
