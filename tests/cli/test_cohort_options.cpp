@@ -32,7 +32,7 @@ class Subject {
   Subject() { write_volume_file(folder_ / "a.nii", phantoms::touching_balls(6)); }
 
   [[nodiscard]] Outcome mesh(const Words& more) const {
-    Words words = {"mesh", path("a.nii"), "--out", path("out"), "--set", "epsilon=2"};
+    Words words = {"mesh", path("a.nii"), "--out", path("out"), "--force", "--set", "epsilon=2"};
     words.insert(words.end(), more.begin(), more.end());
     return run_cli::cvmesh(words);
   }

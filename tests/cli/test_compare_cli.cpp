@@ -31,8 +31,8 @@ std::string mesh(const test_data::TemporaryFolder& folder,
                  const std::string& out,
                  const std::vector<std::string>& more = {}) {
   write_volume_file(folder / "a.nii", phantoms::nested_balls(5, 9));
-  std::vector<std::string> words = {"mesh", (folder / "a.nii").string(), "--out",
-                                    (folder / out).string(), "-q"};
+  std::vector<std::string> words = {
+      "mesh", (folder / "a.nii").string(), "--out", (folder / out).string(), "-q", "--force"};
   words.insert(words.end(), more.begin(), more.end());
   const Outcome outcome = run_cli::cvmesh(words);
   INFO(outcome.err);
@@ -184,8 +184,8 @@ TEST_CASE("cvmesh mesh: a missed gate gives code 5, with the mesh and a report t
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::nested_balls(5, 9));
   const auto run = [&](const std::vector<std::string>& more) {
-    std::vector<std::string> words = {"mesh", (folder / "a.nii").string(), "--out",
-                                      (folder / "out").string(), "-q"};
+    std::vector<std::string> words = {
+        "mesh", (folder / "a.nii").string(), "--out", (folder / "out").string(), "-q", "--force"};
     words.insert(words.end(), more.begin(), more.end());
     return run_cli::cvmesh(words);
   };

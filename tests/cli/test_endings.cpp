@@ -19,6 +19,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <string>
 #include <sys/mount.h>
 #include <thread>
@@ -172,10 +173,12 @@ TEST_CASE("cvmesh mesh: limits end the run with code 7, before the work or durin
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::ball(16));
   write_volume_file(folder / "small.nii", phantoms::ball(6));
+  std::map<std::string, std::string> environment;
   const auto limited = [&](const std::string& option, const std::string& value) {
     const Outcome outcome =
         run_cli::cvmesh({"mesh", (folder / "a.nii").string(), "--out", (folder / "out").string(),
-                         "--quiet", "--set", "epsilon=0.3", option, value});
+                         "--quiet", "--set", "epsilon=0.3", option, value},
+                        {.environment = environment});
     INFO(outcome.err);
     CHECK(outcome.exit_code == 7);
     CHECK_THAT(outcome.err, Catch::Contains(option));
@@ -187,13 +190,17 @@ TEST_CASE("cvmesh mesh: limits end the run with code 7, before the work or durin
   };
   // Before the work: the forecast tells that this cannot be.
   CHECK(limited("--time-limit", "0.01") == "labels");
-  // During it: a third of the forecast is let through, and the run takes longer.
+  // During it: a third of the forecast is let through, and a helper that sleeps takes longer.
   const Outcome check =
       run_cli::cvmesh({"check", (folder / "a.nii").string(), "--json", "--set", "epsilon=0.3"});
   REQUIRE(check.exit_code == 0);
   const auto forecast = nlohmann::json::parse(check.out)["forecast"];
   const double seconds = forecast["seconds"].get<double>() / 3.5;
+  image_files::write_file(folder / "sleeper", "#!/bin/sh\nexec sleep 1000\n");
+  fs::permissions(folder / "sleeper", fs::perms::owner_all);
+  environment["CVMESH_TETGEN_HELPER"] = (folder / "sleeper").string();
   CHECK(limited("--time-limit", std::to_string(seconds)) != "labels");
+  environment.clear();
   limited("--memory-limit", "1");
   CHECK(run_cli::cvmesh({"mesh", "a.nii", "--time-limit", "0"}).exit_code == 2);
   CHECK(run_cli::cvmesh({"mesh", "a.nii", "--memory-limit", "-5"}).exit_code == 2);

@@ -50,7 +50,8 @@ fs::path mesh(const test_data::TemporaryFolder& folder,
               const Settings& more = {}) {
   const fs::path input = folder / (baseline.name + ".nii");
   write_volume_file(input, baseline.volume);
-  std::vector<std::string> words = {"mesh", input.string(), "--out", folder.path().string(), "-q"};
+  std::vector<std::string> words = {"mesh", input.string(), "--out", folder.path().string(),
+                                    "-q",   "--force"};
   for (const Settings& settings : {baseline.settings, more})
     for (const std::string& setting : settings)
       words.insert(words.end(), {"--set", setting});

@@ -82,7 +82,7 @@ TEST_CASE(
     CHECK(baseline.report.checks->topology_as_lattice14);
     CHECK(baseline.report.checks->surface_intersections == 0);
     CHECK(baseline.report.checks->tets_are_valid.has_value() == !surface_only);
-    CHECK(baseline.report.distances->to_dense.overall.voxels.mean_symmetric() < 0.1);
+    CHECK(baseline.report.distances->to_dense->overall.voxels.mean_symmetric() < 0.1);
     CHECK(baseline.log.find("label 1") == std::string::npos);
   }
 }

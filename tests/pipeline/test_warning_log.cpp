@@ -48,6 +48,7 @@ TEST_CASE("run_pipeline: warnings are in the results, and in the HTML report whe
   request.input = folder / "a.nii";
   request.out_dir = folder / "out";
   request.surface_only = true;
+  request.force = true;
   request.parameters.labels[77].epsilon = 0.5;
   run_pipeline(request, silent_context());
   const auto warnings = read_json(folder / "out" / "a.metrics.json")["results"]["warnings"];

@@ -49,12 +49,12 @@ struct TetMesh {
 
   /// Where interfaces were cut open (`split_contacts`): each of their facets is in `surface` twice,
   /// the second time with its sides swapped and the nodes of the outer material.
-  std::vector<Contact> contacts;
+  std::vector<Contact> contacts{};
   /// Per node the one that it is a copy of, or itself; empty where nothing was cut.
-  std::vector<std::int32_t> original_of;
+  std::vector<std::int32_t> original_of{};
 
-  std::vector<TetArray> arrays;  ///< sampled from another image
-  std::vector<ElasticBin> bins;  ///< elastic materials made from it, ascending by modulus
+  std::vector<TetArray> arrays{};  ///< sampled from another image
+  std::vector<ElasticBin> bins{};  ///< elastic materials made from it, ascending by modulus
 };
 
 }  // namespace cvmesh

@@ -2,10 +2,12 @@
 #include "cvmesh/pipeline/check_mesh.h"
 
 #include "cvmesh/core/error.h"
+#include "cvmesh/core/parallel.h"
 #include "cvmesh/pipeline/stage_names.h"
 
 #include <spdlog/fmt/fmt.h>
 
+#include <functional>
 #include <numeric>
 
 namespace cvmesh {
@@ -152,6 +154,24 @@ std::string topology_fault(const MaterialTopology& t) {
     add(fmt::format("Euler number of the boundary {} instead of {}", t.mesh.euler,
                     2 * t.voxels.euler));
   return faults;
+}
+
+void require_positive(const TetMesh& tets, const Affine& to_file, Space space) {
+  const auto corner = [&](std::size_t t, std::size_t k) {
+    return to_file(tets.points[static_cast<std::size_t>(tets.tets[t][k])]);
+  };
+  const double sign = to_file.determinant() < 0 ? -1 : 1;
+  const std::size_t turned = deterministic_reduce(
+      0, tets.tets.size(), std::size_t{0},
+      [&](std::size_t t) {
+        const double volume = volume6(corner(t, 0), corner(t, 1), corner(t, 2), corner(t, 3));
+        return std::size_t{sign * volume > 0 ? 0U : 1U};
+      },
+      std::plus<>());
+  require(turned == 0, ErrorCode::StageFailed, stage_names::kTetrahedra,
+          fmt::format("{} tets are so flat that they turn over in {} coordinates; make the surface "
+                      "finer (smaller epsilon), or use --space grid",
+                      turned, space_name(space)));
 }
 
 }  // namespace cvmesh

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
+#include "cvmesh/grid/grid_frame.h"
 #include "cvmesh/labels/label_volume.h"
 #include "cvmesh/mesh/interface_mesh.h"
 #include "cvmesh/mesh/tet_mesh.h"
@@ -32,6 +33,11 @@ Checks inspect_mesh(const LabelVolume& labels,
                     const std::vector<MaterialTopology>& topology,
                     const InterfaceMesh& surface,
                     const TetMesh* tets);
+
+/// Tets may be so flat that the rounding of a file's coordinates turns them over.
+/// @param to_file  from grid mm to the coordinates of the file, of the given space
+/// @throws Error StageFailed where one does
+void require_positive(const TetMesh& tets, const Affine& to_file, Space space);
 
 inline constexpr std::size_t kMostIntersections = 1000;
 

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/pipeline/mesh_at_scale.h"
 
+#include "cvmesh/core/error.h"
+#include "cvmesh/core/random.h"
 #include "cvmesh/io/surface_writer.h"
 #include "cvmesh/mesh/neighbour_tree.h"
+#include "cvmesh/pipeline/check_mesh.h"
 #include "cvmesh/pipeline/decimate_and_conform.h"
 #include "cvmesh/pipeline/find_epsilon.h"
 #include "cvmesh/pipeline/label_options.h"
@@ -36,6 +39,9 @@ constexpr int kDistanceRounds = 8;
 /// The middle of a triangle with edges h is off a sphere of radius rho by h^2 / (6 rho).
 constexpr double kSagitta = 6;
 constexpr double kLeastEpsilon = 0.05, kMostEpsilon = 5;
+/// Decimations in other orders, where TetGen cannot fill the surfaces of one: it fails where facets
+/// nearly coincide, and which facets these are is chance.
+constexpr int kMostSurfaces = 3;
 /// Flips of surface edges under flat tets move the surface by no more than this.
 constexpr double kMostSurfaceShiftVox = 0.05;
 /// Places beyond this part of the limit are refined: the next round's particles lie elsewhere, and
@@ -56,12 +62,17 @@ struct Sparse {
 
 /// The dense surfaces with the particles as vertices, and nothing but the particles at the end.
 /// @param limit_mm  distances to the dense surface that are looked for; infinity for none
+/// @param order     another one gives another random order of decimation
 Sparse sparsen(Run& run,
                const LabelVolume& labels,
                const Dense& dense,
                const ParticleSet& particles,
-               double limit_mm) {
+               double limit_mm,
+               int order = 0) {
   const double voxel_mm = labels.frame().voxel_mm();
+  StageContext context = run.context;
+  if (order > 0)
+    context.seed = CounterRandom(context.seed, "orders").bits(static_cast<std::uint64_t>(order));
   const Parameters& parameters = run.request.parameters;
   InsertParticlesResult inserted = run.stage.run(
       stage_names::kInsertion,
@@ -87,7 +98,7 @@ Sparse sparsen(Run& run,
                 stage_names::kDecimation,
                 [&] {
                   return decimate(std::move(inserted.surfaces), keep, voxel_mm, parameters.decimate,
-                                  run.context);
+                                  context);
                 },
                 [](const DecimateResult& r) {
                   return fmt::format("{} removed, {} left, {} of them could not go",
@@ -186,6 +197,25 @@ struct Round {
   TetMesh tets;
 };
 
+/// Fills the round's surfaces; where TetGen cannot, or tets are too flat for files, those of
+/// another order of decimation.
+void fill(Run& run, const LabelVolume& labels, const Dense& dense, double limit_mm, Round& round) {
+  for (int order = 1;; ++order)
+    try {
+      round.tets = fill(run, labels, round.sparse.surface, round.sampling.sizing_field);
+      require_positive(round.tets, run.mm_to_out, run.space);
+      if (run.report.stages.tetrahedra) run.report.stages.tetrahedra->surfaces_tried = order;
+      return;
+    } catch (const Error& error) {
+      // The sequential schedule has no order of its own that could be another one.
+      if (error.code() != ErrorCode::StageFailed || order == kMostSurfaces ||
+          run.request.parameters.schedule == Schedule::Sequential)
+        throw;
+      run.context.log->warn("{}; trying another order of decimation", error.what());
+      round.sparse = sparsen(run, labels, dense, round.sampling.particles, limit_mm, order);
+    }
+}
+
 /// The mesh of the given sizes.
 /// @param level_sets  read by the Delaunay reconstruction only
 Round mesh_once(Run& run,
@@ -194,13 +224,13 @@ Round mesh_once(Run& run,
                 const LevelSets& level_sets,
                 Sampling sampling) {
   Round round;
-  if (run.request.parameters.surface == SurfaceMethod::Delaunay) {
-    round.tets = reconstruct(run, sampling.particles, level_sets);
-  } else {
-    round.sparse = sparsen(run, labels, dense, sampling.particles, kInfinity);
-    round.tets = fill(run, labels, round.sparse.surface, sampling.sizing_field);
-  }
   round.sampling = std::move(sampling);
+  if (run.request.parameters.surface == SurfaceMethod::Delaunay) {
+    round.tets = reconstruct(run, round.sampling.particles, level_sets);
+  } else {
+    round.sparse = sparsen(run, labels, dense, round.sampling.particles, kInfinity);
+    fill(run, labels, dense, kInfinity, round);
+  }
   return round;
 }
 
@@ -310,6 +340,7 @@ Round mesh_to_distance(Run& run,
     refine(dense.mesh, round.sampling.sizing_field, deviation.above, limit_mm,
            options.min_edge_mm.value_or(0), cap_mm);
   }
+  fill(run, labels, dense, kWatched * limit_mm, round);
   const SizingField& field = round.sampling.sizing_field;
   const double reached = round.sparse.deviation.max_mm;
   run.report.stages.epsilon_search =
@@ -319,7 +350,6 @@ Round mesh_to_distance(Run& run,
         "{} ({:g}) was not reached: {:.3g} is left after {} rounds; min_edge_mm, or parts "
         "finer than the dense surface, may forbid more; raise it or lower min_edge_mm",
         key, limit_mm / unit_mm, reached / unit_mm, rounds);
-  round.tets = fill(run, labels, round.sparse.surface, round.sampling.sizing_field);
   return round;
 }
 

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/pipeline/write_results.h"
 
-#include "cvmesh/core/error.h"
-#include "cvmesh/core/parallel.h"
 #include "cvmesh/io/feb_writer.h"
 #include "cvmesh/io/inp_writer.h"
 #include "cvmesh/io/msh_writer.h"
 #include "cvmesh/io/surface_parts.h"
 #include "cvmesh/io/surface_writer.h"
 #include "cvmesh/io/tet_writer.h"
+#include "cvmesh/pipeline/check_mesh.h"
 #include "cvmesh/pipeline/stage_names.h"
 
 #include <spdlog/fmt/fmt.h>
@@ -19,26 +18,6 @@
 
 namespace cvmesh {
 namespace {
-
-/// Tets may be so flat that the rounding of the file's coordinates turns them over; those of a
-/// baseline may be flat to begin with.
-void require_positive(Run& run, const TetMesh& tets) {
-  const auto corner = [&](std::size_t t, std::size_t k) {
-    return run.mm_to_out(tets.points[static_cast<std::size_t>(tets.tets[t][k])]);
-  };
-  const double sign = run.mm_to_out.determinant() < 0 ? -1 : 1;
-  const std::size_t turned = deterministic_reduce(
-      0, tets.tets.size(), std::size_t{0},
-      [&](std::size_t t) {
-        const double volume = volume6(corner(t, 0), corner(t, 1), corner(t, 2), corner(t, 3));
-        return std::size_t{sign * volume > 0 ? 0U : 1U};
-      },
-      std::plus<>());
-  require(turned == 0 || is_baseline(run), ErrorCode::StageFailed, stage_names::kWrite,
-          fmt::format("{} tets are so flat that they turn over in {} coordinates; make the surface "
-                      "finer (smaller epsilon), or use --space grid",
-                      turned, space_name(run.space)));
-}
 
 /// A format of the whole mesh of tets.
 struct TetFormat {
@@ -95,7 +74,7 @@ std::vector<std::string> mesh_suffixes(const RunRequest& request) {
 }
 
 void write_results(Run& run, const LabelVolume& labels, const TetMesh& tets) {
-  require_positive(run, tets);
+  if (!is_baseline(run)) require_positive(tets, run.mm_to_out, run.space);
   run.stage.run(
       stage_names::kWrite,
       [&] {

@@ -46,9 +46,9 @@ struct InputSummary {
   Space space = Space::Unknown;         ///< of the file
   Space output_space = Space::Unknown;  ///< of the coordinates that were written
   std::vector<Label> labels;            ///< all values in the file, ascending
-  std::string file_sha256;              ///< of the file as it is stored
+  std::string file_sha256{};            ///< of the file as it is stored
   /// Of the labels in it: 32-bit little-endian integers, x fastest. The same for every file format.
-  std::string labels_sha256;
+  std::string labels_sha256{};
 };
 
 /// Size of a multi-material surface.

@@ -119,6 +119,7 @@ void to_json(Json& json, const InsertParticlesStats& stats) {
   json = {{"snapped", stats.snapped},
           {"edge_splits", stats.edge_splits},
           {"facet_splits", stats.facet_splits},
+          {"shared", stats.shared},
           {"off_position", stats.off_position}};
 }
 
@@ -160,6 +161,7 @@ void to_json(Json& json, const DelaunayTetsStats& stats) {
 void to_json(Json& json, const TetrahedralizeStats& stats) {
   json = {{"switches", stats.switches},
           {"attempts", stats.attempts},
+          {"surfaces_tried", stats.surfaces_tried},
           {"failed_attempts", stats.failed_attempts},
           {"steiner_points", stats.steiner_points},
           {"volume_error", stats.volume_error},

@@ -8,6 +8,7 @@
 #include <array>
 #include <limits>
 #include <map>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -20,6 +21,10 @@ constexpr double kMinMovedQuality = 0.002;
 // A particle takes over a free dense vertex within this part of the facet's or edge's size;
 // otherwise it gets a vertex of its own.
 constexpr double kSnapShare = 0.5;
+/// Over a voxel: no vertex is made nearer than this to another one. Where particles crowd at the
+/// end of a dense edge, each would get a tenth of what the one before left: edges down to 5e-8
+/// voxel, and tetrahedra that no file can hold.
+constexpr double kLeastSpacingVox = 0.01;
 
 class Inserter {
  public:
@@ -28,6 +33,7 @@ class Inserter {
         strata_(strata),
         index_(index_facets(surfaces, voxel_mm)),
         guard_(surfaces, index_, 0),
+        least_spacing_mm_(kLeastSpacingVox * voxel_mm),
         is_taken_(surfaces.points().size(), false) {}
 
   std::int32_t insert(const Particle& particle, InsertParticlesStats& stats) {
@@ -60,6 +66,23 @@ class Inserter {
     is_taken_[vertex] = true;
     ++stats.snapped;
     return true;
+  }
+
+  // The vertex stands for one more particle, where it is.
+  std::int32_t share(std::int32_t vertex, InsertParticlesStats& stats) {
+    is_taken_.resize(surfaces_.points().size(), false);
+    is_taken_[vertex] = true;
+    ++stats.shared;
+    return vertex;
+  }
+
+  // The first of the vertices that is too near to a new one at p, or -1.
+  [[nodiscard]] std::int32_t crowded_vertex(const Vec3& p,
+                                            std::span<const std::int32_t> vertices) const {
+    const auto near = std::find_if(vertices.begin(), vertices.end(), [&](std::int32_t v) {
+      return distance(surfaces_.points()[v], p) < least_spacing_mm_;
+    });
+    return near == vertices.end() ? -1 : *near;
   }
 
   std::int32_t take_new(std::int32_t vertex, const Vec3& position, InsertParticlesStats& stats) {
@@ -148,24 +171,31 @@ class Inserter {
         piece = n;
       }
     }
-    const std::int32_t v = split_edge(chain[piece], chain[piece + 1], particle.position);
+    const std::array<std::int32_t, 2> ends{chain[piece], chain[piece + 1]};
+    const Vec3 at = point_on_edge(ends[0], ends[1], particle.position);
+    if (const auto near = crowded_vertex(at, ends); near >= 0) return share(near, stats);
+    const std::int32_t v = split_edge(ends[0], ends[1], at);
     chain.insert(chain.begin() + static_cast<std::ptrdiff_t>(piece) + 1, v);
     ++stats.edge_splits;
     return take_new(v, particle.position, stats);
   }
 
-  // Splits an edge at its point nearest to `position`, kept off its ends.
-  std::int32_t split_edge(std::int32_t a, std::int32_t b, const Vec3& position) {
+  // The point of an edge nearest to `position`, kept off its ends.
+  [[nodiscard]] Vec3 point_on_edge(std::int32_t a, std::int32_t b, const Vec3& position) const {
     const auto& points = surfaces_.points();
     const Vec3 d = points[b] - points[a];
     const double t = std::clamp(dot(position - points[a], d) / squared_norm(d), 0.1, 0.9);
+    return points[a] + t * d;
+  }
+
+  std::int32_t split_edge(std::int32_t a, std::int32_t b, const Vec3& at) {
     star_.clear();
     std::vector<std::int32_t> around_b;
     surfaces_.collect_star(a, star_);
     surfaces_.collect_star(b, around_b);
     for (const auto f : star_)
       if (std::find(around_b.begin(), around_b.end(), f) != around_b.end()) index_.remove(f);
-    const std::int32_t v = surfaces_.split_edge(a, b, points[a] + t * d);
+    const std::int32_t v = surfaces_.split_edge(a, b, at);
     surfaces_.collect_star(v, star_);
     for (const auto f : star_)
       insert_facet(surfaces_, f, index_);
@@ -192,13 +222,17 @@ class Inserter {
       if (norm(area_vector2(points[a], points[b], on)) > kSideShare * area ||
           !surfaces_.facets_of_edge(a, b, first, second))
         continue;
+      const Vec3 at = point_on_edge(a, b, on);
+      if (const auto near = crowded_vertex(at, corners); near >= 0) return share(near, stats);
       ++stats.edge_splits;
-      return take_new(split_edge(a, b, on), particle.position, stats);
+      return take_new(split_edge(a, b, at), particle.position, stats);
     }
-    index_.remove(f);
     // off the sides, so that no new facet is flat
     const Vec3 center = (points[corners[0]] + points[corners[1]] + points[corners[2]]) / 3;
-    const std::int32_t v = surfaces_.split_facet(f, on + 0.15 * (center - on));
+    const Vec3 at = on + 0.15 * (center - on);
+    if (const auto near = crowded_vertex(at, corners); near >= 0) return share(near, stats);
+    index_.remove(f);
+    const std::int32_t v = surfaces_.split_facet(f, at);
     surfaces_.collect_star(v, star_);
     for (const auto g : star_)
       insert_facet(surfaces_, g, index_);
@@ -260,6 +294,7 @@ class Inserter {
   const Strata& strata_;
   FacetIndex index_;
   EmbeddingGuard guard_;
+  double least_spacing_mm_;
   std::vector<bool> is_taken_;
   std::map<std::pair<std::int32_t, std::int32_t>, std::vector<std::int32_t>> chains_;
   std::vector<std::int32_t> star_, ring_;

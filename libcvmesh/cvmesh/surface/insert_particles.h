@@ -14,12 +14,13 @@ namespace cvmesh {
 struct InsertParticlesStats {
   std::size_t snapped = 0;  ///< a dense vertex moved onto the particle
   std::size_t edge_splits = 0, facet_splits = 0;
+  std::size_t shared = 0;        ///< too near to a vertex for one of their own: it stands for both
   std::size_t off_position = 0;  ///< kept on the dense surface: the exact place would fold it
 };
 
 struct InsertParticlesResult {
   MaterialSurfaces surfaces;            ///< the augmented surfaces
-  std::vector<std::int32_t> vertex_of;  ///< per particle: its vertex in `surfaces`
+  std::vector<std::int32_t> vertex_of;  ///< per particle: its vertex in `surfaces`, often its own
   InsertParticlesStats stats;
 };
 

@@ -25,6 +25,7 @@ struct TetrahedralizeOptions {
 struct TetrahedralizeStats {
   std::string switches;  ///< those of the run whose result was used
   int attempts = 0;
+  int surfaces_tried = 1;  ///< decimations, in orders of their own, until TetGen filled one
   std::vector<std::string> failed_attempts;  ///< "switches: what happened", in order
   std::size_t steiner_points = 0;            ///< points that are not on the input surfaces
   double volume_error = 0;  ///< largest |tets - surface integral| / integral of a material

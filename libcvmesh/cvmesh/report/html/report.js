@@ -249,7 +249,7 @@
     if (value === null) return "not set";
     if (typeof value !== "object") return String(value);
     const compact = (part) => JSON.stringify(part, (_, item) => item === null ? undefined : item);
-    const entries = Object.entries(value);
+    const entries = Object.entries(value).filter(([, part]) => part !== null);
     if (entries.length === 0 || entries.every(([, part]) => typeof part !== "object"))
       return compact(value);
     const line = ([key, part]) => (Array.isArray(value) ? "" : `${key}: `) + compact(part);
