@@ -17,8 +17,6 @@ import sys
 
 # cvmesh summary says so where a run of the cohort failed.
 SOME_FAILED = 5
-# Of the reports that cvmesh writes.
-SCHEMA_VERSION = 1
 
 
 def stem(path):
@@ -46,15 +44,21 @@ def read_subjects(path):
     return subjects
 
 
+def output_of(*command):
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout
+
+
 def record_lost(cvmesh, subjects, out):
     """Names the subjects whose job ended without a word of its own."""
-    said = subprocess.run([cvmesh, "--version"], capture_output=True, text=True).stdout.split()
+    said = output_of(cvmesh, "--version").split()
+    schema = json.loads(output_of(cvmesh, "schema", "--metrics"))
+    version = schema["properties"]["schema_version"]["const"]
     for name in subjects:
         folder = out / name
         if any((folder / (name + suffix)).exists() for suffix in (".metrics.json", ".failed.json")):
             continue
         folder.mkdir(parents=True, exist_ok=True)
-        record = {"cvmesh": said[-1] if said else "", "schema_version": SCHEMA_VERSION,
+        record = {"cvmesh": said[-1] if said else "", "schema_version": version,
                   "status": "failed", "stage": "job", "code": "killed", "exit_code": 137,
                   "message": "the job ended without a result: killed, out of memory or time, or "
                              "never started",
