@@ -171,7 +171,8 @@ TEST_CASE("cvmesh metrics: what cannot be judged is refused with code 3", "[cli]
 
 TEST_CASE("cvmesh schema --metrics: real reports follow it", "[cli]") {
   const MeshedBalls balls;
-  balls.judged("balls.vtu");
+  const Json judged = balls.judged("balls.vtu");
+  CHECK(judged["status"] == "success");
   const auto schema = run_cli::cvmesh({"schema", "--metrics"});
   REQUIRE(schema.exit_code == 0);
   write_text(balls.path("schema.json"), schema.out);
