@@ -192,10 +192,10 @@ TEST_CASE("cvmesh mesh: several volumes are refused with a hint", "[cli]") {
 
 TEST_CASE("manual page and completion know every option of cvmesh mesh", "[cli]") {
   const std::string help = run_cli::cvmesh({"mesh", "--help"}).out;
-  std::string manual = read_file(fs::path(CVMESH_SOURCE_DIR) / "packaging/cvmesh.1");
+  std::string manual = read_file(fs::path(CVMESH_SOURCE_DIR) / "scripts/packaging/cvmesh.1");
   manual.erase(std::remove(manual.begin(), manual.end(), '\\'), manual.end());
   const std::string descriptor =
-      read_file(fs::path(CVMESH_SOURCE_DIR) / "packaging/boutiques.json");
+      read_file(fs::path(CVMESH_SOURCE_DIR) / "scripts/packaging/boutiques.json");
   CHECK(nlohmann::json::parse(descriptor)["inputs"].size() > 5);
   std::set<std::string> options;
   for (std::size_t at = help.find("--"); at != std::string::npos; at = help.find("--", at + 2)) {
