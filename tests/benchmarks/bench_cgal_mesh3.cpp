@@ -6,11 +6,11 @@
 //   bench_cgal_mesh3 VOLUME OUT.mesh --facets N [--parallel] [--threads N] [--facet-size MM]
 //
 // Facets and tetrahedra have the same size everywhere (facet_size and cell_size), facets deviate by
-// at most a quarter of it, minimum angle 30 degrees, radius-edge ratio 2: the values of CGAL's own
-// examples, scaled. The size for N triangles is searched by meshing without the optimisers, outside
+// at most a quarter of it; minimum angle 30 degrees and radius-edge ratio 3 as in CGAL's own
+// examples. The size for N triangles is searched by meshing without the optimisers, outside
 // of the measured time; --facet-size gives it instead. Prints one JSON line: the size, counts,
-// seconds of the whole and of its parts, peak memory. OUT.mesh is Medit text in grid mm (index times
-// spacing); tetrahedron references are the labels.
+// seconds of the whole and of its parts, peak memory. OUT.mesh is Medit text in grid mm (index
+// times spacing); tetrahedron references are the labels.
 //
 // No test: nothing here passes or fails. `scripts/bench.py` makes tables of it.
 #include "cvmesh/core/error.h"
@@ -23,9 +23,9 @@
 #include <CGAL/Mesh_complex_3_in_triangulation_3.h>
 #include <CGAL/Mesh_criteria_3.h>
 #include <CGAL/Mesh_triangulation_3.h>
+#include <CGAL/exude_mesh_3.h>
 #include <CGAL/make_mesh_3.h>
 #include <CGAL/perturb_mesh_3.h>
-#include <CGAL/exude_mesh_3.h>
 #include <CGAL/refine_mesh_3.h>
 #include <nlohmann/json.hpp>
 #include <tbb/global_control.h>
@@ -65,7 +65,8 @@ CGAL::Image_3 to_image(const cvmesh::InputVolume& volume) {
 
 template <typename Concurrency>
 class Mesher {
-  using Triangulation = typename CGAL::Mesh_triangulation_3<Domain, CGAL::Default, Concurrency>::type;
+  using Triangulation =
+      typename CGAL::Mesh_triangulation_3<Domain, CGAL::Default, Concurrency>::type;
   using Complex = CGAL::Mesh_complex_3_in_triangulation_3<Triangulation>;
   using Criteria = CGAL::Mesh_criteria_3<Triangulation>;
 
@@ -115,10 +116,9 @@ class Mesher {
  private:
   [[nodiscard]] Complex refine(double size) const {
     const Criteria criteria(params::facet_angle = 30, params::facet_size = size,
-                            params::facet_distance = size / 4,
-                            params::cell_radius_edge_ratio = 2, params::cell_size = size);
-    return CGAL::make_mesh_3<Complex>(domain_, criteria, params::no_perturb(),
-                                      params::no_exude());
+                            params::facet_distance = size / 4, params::cell_radius_edge_ratio = 3,
+                            params::cell_size = size);
+    return CGAL::make_mesh_3<Complex>(domain_, criteria, params::no_perturb(), params::no_exude());
   }
 
   Domain domain_;
@@ -150,8 +150,8 @@ Options parse(int argc, char** argv) {
 /// A first guess of the facet size: the box's surface shared out to twice as many equilateral
 /// triangles.
 double first_size(const cvmesh::GridFrame& frame, std::size_t facets) {
-  const cvmesh::Vec3 box = frame.index_to_mm({double(frame.dims[0]), double(frame.dims[1]),
-                                              double(frame.dims[2])});
+  const cvmesh::Vec3 box =
+      frame.index_to_mm({double(frame.dims[0]), double(frame.dims[1]), double(frame.dims[2])});
   const double area = 2 * (box.x * box.y + box.y * box.z + box.z * box.x);
   return std::max(std::sqrt(area / static_cast<double>(facets)), 0.2 * frame.voxel_mm());
 }
@@ -160,9 +160,10 @@ template <typename Concurrency>
 nlohmann::ordered_json bench(const cvmesh::InputVolume& volume, const Options& options) {
   const CGAL::Image_3 image = to_image(volume);
   const Mesher<Concurrency> mesher(image);
-  const double size = options.facet_size_mm > 0
-                          ? options.facet_size_mm
-                          : mesher.find_size(options.facets, first_size(volume.frame, options.facets));
+  const double size =
+      options.facet_size_mm > 0
+          ? options.facet_size_mm
+          : mesher.find_size(options.facets, first_size(volume.frame, options.facets));
   return mesher.run(size, options.mesh);
 }
 
