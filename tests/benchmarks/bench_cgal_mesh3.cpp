@@ -23,10 +23,7 @@
 #include <CGAL/Mesh_complex_3_in_triangulation_3.h>
 #include <CGAL/Mesh_criteria_3.h>
 #include <CGAL/Mesh_triangulation_3.h>
-#include <CGAL/exude_mesh_3.h>
 #include <CGAL/make_mesh_3.h>
-#include <CGAL/perturb_mesh_3.h>
-#include <CGAL/refine_mesh_3.h>
 #include <nlohmann/json.hpp>
 #include <tbb/global_control.h>
 #include <tbb/info.h>
