@@ -368,7 +368,7 @@ TEST_CASE("ShapeTree: agrees with brute force, with any guess and any filter", "
     }
   };
 
-  for (const int count : {0, 1, 2, 4, 5, 16, 17, 63, 300}) {
+  for (const int count : {0, 1, 2, 4, 5, 16, 17, 63, 300, 5000}) {
     Points points;
     const auto noise = [](int i) { return std::fmod(std::abs(std::sin(i) * 43758.5453), 1.0); };
     for (int i = 0; i < count; ++i)
@@ -386,14 +386,17 @@ TEST_CASE("ShapeTree: agrees with brute force, with any guess and any filter", "
       CHECK(tree.nearest(p, -1, all).squared_distance == best);
       if (count > 0) CHECK(tree.nearest(p, q % count, all).squared_distance == best);
       CHECK(tree.nearest(p, -1, is_odd).squared_distance == best_odd);
-      constexpr double kSlack = 0.1;
-      std::vector<ShapeTree<Points>::Hit> near;
-      tree.collect_nearest(p, kSlack, -1, all, near);
-      std::size_t within = 0;
-      for (int i = 0; i < count; ++i)
-        within += std::sqrt(points.squared_distance(i, p)) <= std::sqrt(best) + kSlack ? 1 : 0;
-      CHECK(near.size() == within);
-      if (count > 0) CHECK(near.front().squared_distance == best);
+      // A region answers for every point of its box that is near enough to a shape.
+      constexpr double kReach = 0.25;
+      const Box3 around{p - Vec3{0.1, 0.1, 0.1}, p + Vec3{0.1, 0.1, 0.1}};
+      ShapeTree<Points>::Region region;
+      tree.find_region(around, kReach, region);
+      if (best <= kReach * kReach) {
+        CHECK(tree.nearest(p, -1, all, region).squared_distance == best);
+        CHECK(tree.nearest(p, q % count, all, region).squared_distance == best);
+      }
+      if (best_odd <= kReach * kReach)
+        CHECK(tree.nearest(p, -1, is_odd, region).squared_distance == best_odd);
       const Box3 box{p - Vec3{0.2, 0.2, 0.2}, p + Vec3{0.2, 0.2, 0.2}};
       std::size_t found = 0, expected = 0;
       tree.for_each_overlap(box, [&](std::size_t) { ++found; });

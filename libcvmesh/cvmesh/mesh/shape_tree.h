@@ -38,76 +38,58 @@ class ShapeTree {
   /// must be one that is wanted; it saves most of the work.
   template <typename IsWanted>
   [[nodiscard]] Hit nearest(const Vec3& p, std::int64_t guess, const IsWanted& is_wanted) const {
-    Hit best;
-    if (guess >= 0) best = {shapes_.squared_distance(guess, p), guess};
-    if (levels_.empty()) return best;
-    std::array<Entry, kStack> stack;
-    std::size_t top = 0;
-    stack[top++] = {0, static_cast<std::uint32_t>(levels_.size() - 1), 0};
-    while (top > 0) {
-      const Entry entry = stack[--top];
-      if (entry.squared_distance >= best.squared_distance) continue;
-      const Lanes near = distances(levels_[entry.level][entry.node], p);
-      if (entry.level > 0) {
-        push_far_first(near, entry, best.squared_distance, stack, top);
-        continue;
-      }
-      for (std::uint32_t lane = 0; lane < kWidth; ++lane) {
-        if (!(near[lane] < best.squared_distance)) continue;
-        const std::uint32_t shape = order_[entry.node * std::size_t{kWidth} + lane];
-        if (!is_wanted(shape)) continue;
-        const double d = shapes_.squared_distance(shape, p);
-        if (d < best.squared_distance) best = {d, shape};
-      }
-    }
-    return best;
+    Query query(p, hit_of(guess, p));
+    if (!levels_.empty()) search(top_level(), 0, is_wanted, query);
+    return query.best;
   }
 
-  /// Into `found`, sorted by distance and index: the wanted shapes that are at most `slack` farther
-  /// from p than the nearest of them. They hold the nearest shape of every point within slack / 2
-  /// of p. `guess` as for `nearest`.
+  /// The part of a tree that holds the shapes near a box.
+  class Region;
+
+  /// The same among the guess and the shapes in a region.
   template <typename IsWanted>
-  void collect_nearest(const Vec3& p,
-                       double slack,
-                       std::int64_t guess,
-                       const IsWanted& is_wanted,
-                       std::vector<Hit>& found) const {
-    found.clear();
-    double nearest2 = std::numeric_limits<double>::infinity(), limit2 = nearest2;
-    const auto tighten = [&](double squared_distance) {
-      if (!(squared_distance < nearest2)) return;
-      nearest2 = squared_distance;
-      const double limit = std::sqrt(squared_distance) + slack;
-      limit2 = limit * limit;
-    };
-    if (guess >= 0) tighten(shapes_.squared_distance(guess, p));
-    if (levels_.empty()) return;
-    std::array<Entry, kStack> stack;
-    std::size_t top = 0;
-    stack[top++] = {0, static_cast<std::uint32_t>(levels_.size() - 1), 0};
-    while (top > 0) {
-      const Entry entry = stack[--top];
-      if (entry.squared_distance > limit2) continue;
-      const Lanes near = distances(levels_[entry.level][entry.node], p);
-      if (entry.level > 0) {
-        push_far_first(near, entry, std::nextafter(limit2, kFar), stack, top);
-        continue;
-      }
+  [[nodiscard]] Hit nearest(const Vec3& p,
+                            std::int64_t guess,
+                            const IsWanted& is_wanted,
+                            const Region& region) const {
+    Query query(p, hit_of(guess, p));
+    for (std::size_t b = 0; b < region.boxes_.size(); ++b) {
+      const Lanes near = distances(region.boxes_[b], query.rounded);
+      if (is_none_within(near, query.best.squared_distance)) continue;
       for (std::uint32_t lane = 0; lane < kWidth; ++lane) {
-        if (!(near[lane] <= limit2)) continue;
-        const std::size_t place = entry.node * std::size_t{kWidth} + lane;
-        if (place >= order_.size() || !is_wanted(order_[place])) continue;
-        const double d = shapes_.squared_distance(order_[place], p);
-        if (d > limit2) continue;
-        found.push_back({d, order_[place]});
-        tighten(d);
+        if (!(near[lane] < query.best.squared_distance)) continue;
+        const std::uint32_t item = region.items_[b * kWidth + lane];
+        if (region.height_ == 0)
+          look_at(order_[item], is_wanted, query);
+        else
+          search(region.height_ - 1, item, is_wanted, query);
       }
     }
-    std::erase_if(found, [&](const Hit& hit) { return hit.squared_distance > limit2; });
-    std::sort(found.begin(), found.end(), [](const Hit& a, const Hit& b) {
-      return a.squared_distance != b.squared_distance ? a.squared_distance < b.squared_distance
-                                                      : a.shape < b.shape;
-    });
+    return query.best;
+  }
+
+  /// The region of all shapes whose distance to the box is at most `reach`, as finely as a few
+  /// dozen boxes can tell.
+  void find_region(const Box3& box, double reach, Region& region) const {
+    region.clear();
+    if (levels_.empty()) return;
+    const Rounded target(box.lo, box.hi);
+    const float limit = rounded_up(reach * reach);
+    region.height_ = top_level() + 1;
+    region.items_.push_back(0);
+    Region below;
+    while (region.height_ > 0) {
+      below.clear();
+      for (const std::uint32_t node : region.items_) {
+        const Node& boxes = levels_[region.height_ - 1][node];
+        const Lanes near = distances(boxes, target);
+        for (std::uint32_t lane = 0; lane < kWidth; ++lane)
+          if (near[lane] <= limit) below.add(boxes, lane, node * kWidth + lane);
+      }
+      if (below.items_.size() > kRegionItems) return;
+      below.height_ = region.height_ - 1;
+      std::swap(region, below);
+    }
   }
 
   /// Calls visit(i) for every shape whose box overlaps or touches `box`, in an order that depends
@@ -117,7 +99,7 @@ class ShapeTree {
     if (levels_.empty()) return;
     std::array<Entry, kStack> stack;
     std::size_t top = 0;
-    stack[top++] = {0, static_cast<std::uint32_t>(levels_.size() - 1), 0};
+    stack[top++] = {0, top_level(), 0};
     while (top > 0) {
       const Entry entry = stack[--top];
       const Node& node = levels_[entry.level][entry.node];
@@ -135,21 +117,80 @@ class ShapeTree {
 
  private:
   static constexpr std::uint32_t kWidth = 4;
+  static constexpr float kInfinity = std::numeric_limits<float>::infinity();
   // 16 levels of four lanes cover 4^16 shapes; on each, all lanes but one may wait.
   static constexpr std::size_t kStack = 64;
-  static constexpr double kFar = std::numeric_limits<double>::infinity();
-  using Lanes = std::array<double, kWidth>;
+  static constexpr std::size_t kRegionItems = 64;
+  // Four floats in one register; a vector extension that GCC and Clang share, since neither makes
+  // vectors of the loop over the lanes at -O2.
+  using Lanes [[gnu::vector_size(16)]] = float;
 
   // Boxes rounded outwards to floats: half the memory, and no box becomes too small. Lanes without
   // a box are empty (lo > hi): infinitely far, overlapping nothing.
   struct Node {
-    std::array<std::array<float, kWidth>, 3> lo, hi;
+    std::array<Lanes, 3> lo, hi;
+  };
+
+  // A point or box rounded outwards to floats.
+  struct Rounded {
+    Rounded(const Vec3& from, const Vec3& to)
+        : lo{rounded_down(from.x), rounded_down(from.y), rounded_down(from.z)},
+          hi{rounded_up(to.x), rounded_up(to.y), rounded_up(to.z)} {}
+
+    std::array<float, 3> lo, hi;
+  };
+
+  // A search for the shape nearest to a point.
+  struct Query {
+    Query(const Vec3& p, const Hit& guess) : point(p), rounded(p, p), best(guess) {}
+
+    Vec3 point;
+    Rounded rounded;
+    Hit best;
   };
 
   struct Entry {
     double squared_distance;
     std::uint32_t level, node;
   };
+
+  [[nodiscard]] std::uint32_t top_level() const {
+    return static_cast<std::uint32_t>(levels_.size() - 1);
+  }
+
+  [[nodiscard]] Hit hit_of(std::int64_t guess, const Vec3& p) const {
+    return guess < 0 ? Hit{} : Hit{shapes_.squared_distance(guess, p), guess};
+  }
+
+  // Improves a query by the shapes under a node.
+  template <typename IsWanted>
+  void search(std::uint32_t level,
+              std::uint32_t node,
+              const IsWanted& is_wanted,
+              Query& query) const {
+    std::array<Entry, kStack> stack;
+    std::size_t top = 0;
+    stack[top++] = {0, level, node};
+    while (top > 0) {
+      const Entry entry = stack[--top];
+      if (entry.squared_distance >= query.best.squared_distance) continue;
+      const Lanes near = distances(levels_[entry.level][entry.node], query.rounded);
+      if (entry.level > 0) {
+        push_far_first(near, entry, query.best.squared_distance, stack, top);
+        continue;
+      }
+      for (std::uint32_t lane = 0; lane < kWidth; ++lane)
+        if (near[lane] < query.best.squared_distance)
+          look_at(order_[entry.node * std::size_t{kWidth} + lane], is_wanted, query);
+    }
+  }
+
+  template <typename IsWanted>
+  void look_at(std::uint32_t shape, const IsWanted& is_wanted, Query& query) const {
+    if (!is_wanted(shape)) return;
+    const double d = shapes_.squared_distance(shape, query.point);
+    if (d < query.best.squared_distance) query.best = {d, shape};
+  }
 
   [[nodiscard]] Vec3 centre_of(std::size_t i) const {
     const Box3 box = shapes_.box(i);
@@ -228,29 +269,42 @@ class ShapeTree {
   }
 
   static void put(Node& node, std::uint32_t lane, const Box3& box) {
-    constexpr float kInfinity = std::numeric_limits<float>::infinity();
     for (int axis = 0; axis < 3; ++axis) {
-      auto lo = static_cast<float>(box.lo[axis]), hi = static_cast<float>(box.hi[axis]);
-      if (lo > box.lo[axis]) lo = std::nextafter(lo, -kInfinity);
-      if (hi < box.hi[axis]) hi = std::nextafter(hi, kInfinity);
-      node.lo[axis][lane] = lo;
-      node.hi[axis][lane] = hi;
+      node.lo[axis][lane] = rounded_down(box.lo[axis]);
+      node.hi[axis][lane] = rounded_up(box.hi[axis]);
     }
   }
 
-  // Squared distances from p to the boxes of a node.
-  static Lanes distances(const Node& node, const Vec3& p) {
+  static float rounded_down(double x) { return outwards(x, -1); }
+
+  static float rounded_up(double x) { return outwards(x, 1); }
+
+  // A float on one side of x, two units in the last place away at most; std::nextafter is a call.
+  // Infinities, which stand for no box, stay.
+  static float outwards(double x, float sign) {
+    using Limits = std::numeric_limits<float>;
+    const auto rounded = static_cast<float>(x);
+    const float unit = std::min(std::abs(rounded), Limits::max()) * Limits::epsilon();
+    return rounded + sign * (unit + Limits::min());
+  }
+
+  // Squared distances from a box to the boxes of a node, or a little less: the factor covers the
+  // rounding of a difference, a product and two sums.
+  static Lanes distances(const Node& node, const Rounded& box) {
+    constexpr float kCautious = 1 - 8 * std::numeric_limits<float>::epsilon();
     Lanes sum{};
     for (int axis = 0; axis < 3; ++axis) {
-      const double x = p[axis];
-      for (std::uint32_t lane = 0; lane < kWidth; ++lane) {
-        const double below = node.lo[axis][lane] - x, above = x - node.hi[axis][lane];
-        double d = below > above ? below : above;
-        d = d > 0 ? d : 0;
-        sum[lane] += d * d;
-      }
+      const Lanes below = node.lo[axis] - box.hi[axis], above = box.lo[axis] - node.hi[axis];
+      Lanes d = below > above ? below : above;
+      d = d > 0 ? d : Lanes{};
+      sum += d * d;
     }
-    return sum;
+    return kCautious * sum;
+  }
+
+  static bool is_none_within(const Lanes& near, double squared_distance) {
+    const auto is_within = near < rounded_up(squared_distance);
+    return (is_within[0] | is_within[1] | is_within[2] | is_within[3]) == 0;
   }
 
   static bool overlaps(const Node& node, std::uint32_t lane, const Box3& box) {
@@ -281,6 +335,35 @@ class ShapeTree {
   const Shapes& shapes_;
   std::vector<std::uint32_t> order_;
   std::vector<std::vector<Node>> levels_;  ///< [0] holds the boxes of the shapes
+};
+
+template <typename Shapes>
+class ShapeTree<Shapes>::Region {
+ private:
+  friend class ShapeTree;
+
+  void clear() {
+    items_.clear();
+    boxes_.clear();
+  }
+
+  void add(const Node& from, std::uint32_t lane, std::uint32_t item) {
+    const auto to = static_cast<std::uint32_t>(items_.size() % kWidth);
+    if (to == 0) {
+      boxes_.emplace_back();
+      for (std::uint32_t other = 0; other < kWidth; ++other)
+        put(boxes_.back(), other, Box3{});
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+      boxes_.back().lo[axis][to] = from.lo[axis][lane];
+      boxes_.back().hi[axis][to] = from.hi[axis][lane];
+    }
+    items_.push_back(item);
+  }
+
+  std::uint32_t height_ = 0;  // 0: the items are places in `order_`; k: nodes of level k - 1
+  std::vector<std::uint32_t> items_;  // their boxes, four to a node
+  std::vector<Node> boxes_;
 };
 
 }  // namespace cvmesh

@@ -35,12 +35,11 @@ struct DirectionOptions {
 
 /// Measures one surface against another, both of flat convex shapes (`measured_surfaces.h`).
 ///
-/// The surface is cut into pieces of about a voxel. For each piece one search finds the few target
-/// shapes that can be nearest to a point of it; samples and corners are measured against those
-/// only. The distance to a convex shape is convex, so that the least over the shapes of the largest
-/// distance of a corner bounds the distance of the whole piece from above [Guthe 2005]; pieces
-/// whose bound exceeds the largest distance found by more than the wanted error are halved until
-/// none is left.
+/// The surface is cut into pieces of about a voxel, and each is sampled. The distance to a convex
+/// shape is convex, so that the largest distance of a corner to any one shape bounds the distance
+/// of the whole piece from above [Guthe 2005]; the shapes nearest to its centre and corners are
+/// tried. Pieces whose bound exceeds the largest distance found by more than the wanted error are
+/// halved until none is left.
 ///
 /// A piece counts for all shapes together, for both of its materials and for its pair of them; each
 /// of these classes is measured against the target's shapes of the same class.
@@ -65,6 +64,7 @@ class Direction {
     for (const Sides& pair : pairs_in_target_)
       is_in_target_[pair.inside] = is_in_target_[pair.outside] = true;
     to_voxels_ = divided_by(options.unit_mm, options.spacing_mm);
+    around_ = divided_by({kAroundVox, kAroundVox, kAroundVox}, to_voxels_);
   }
 
   DirectedDistances measure() {
@@ -96,9 +96,11 @@ class Direction {
 
  private:
   static constexpr std::size_t kChunk = 256;  // shapes that are measured one after the other
-  // Longest side of a piece, in voxels: longer ones have more candidates, shorter ones more
-  // searches.
+  // Longest side of a piece, in voxels: longer ones are bounded worse, shorter ones hold less than
+  // a sample.
   static constexpr double kPieceVox = 1.0;
+  // How far around a piece the next pieces can use its part of the tree.
+  static constexpr double kAroundVox = 2.0;
   // What a distance is measured to: all shapes, those of the same pair, or those of a material.
   static constexpr std::int32_t kAll = -1, kPair = -2;
   using Hit = typename ShapeTree<To>::Hit;
@@ -133,13 +135,25 @@ class Direction {
     FlatPiece outline;
     Sides sides;
     Bounds bounds;
-    Vec3 at;  // where `attained` is
+    Vec3 at;                  // where `attained` is
+    std::int64_t shape = -1;  // of its class, near
   };
 
-  // What one thread needs while it measures.
+  // The part of the tree that holds what is nearest to the points of a box that are not farther
+  // than `reach` from the nearest.
+  struct Around {
+    Box3 box;
+    double reach = 0;
+    typename ShapeTree<To>::Region region;
+  };
+
+  // What one thread needs while it measures: where the samples of a piece are and which shapes are
+  // nearest to them, of all and of one class; and the last answer for each class.
   struct Scratch {
     std::vector<Vec3> points;
-    std::vector<Hit> found, filtered;
+    double span = 0;  // of the first point to the farthest corner
+    std::vector<Hit> nearest, nearest_of_class;
+    Around around;
     std::array<std::int64_t, 4> guess{-1, -1, -1, -1};
     Sides guess_sides;
   };
@@ -188,18 +202,17 @@ class Direction {
   // Calls visit(piece) for the pieces of a shape, always in the same order.
   template <typename Visit>
   void for_each_piece(std::size_t shape, const Visit& visit) const {
-    std::vector<FlatPiece> open{from_.piece(shape)};
-    while (!open.empty()) {
-      const FlatPiece piece = open.back();
-      open.pop_back();
-      if (longest_side_vox(piece) <= kPieceVox * (1 + 1e-9)) {
-        visit(piece);
-      } else {
-        const auto [first, second] = halves(piece);
-        open.push_back(second);
-        open.push_back(first);
-      }
+    cut(from_.piece(shape), visit);
+  }
+
+  template <typename Visit>
+  void cut(const FlatPiece& outline, const Visit& visit) const {
+    if (longest_side_vox(outline) <= kPieceVox * (1 + 1e-9)) {
+      visit(outline);
+      return;
     }
+    for (const FlatPiece& half : halves(outline))
+      cut(half, visit);
   }
 
   [[nodiscard]] double longest_side_vox(const FlatPiece& piece) const {
@@ -247,16 +260,15 @@ class Direction {
     piece.first_sample = static_cast<std::uint32_t>(chunk.distances.size());
     piece.first_bounds = static_cast<std::uint32_t>(chunk.bounds.size());
     place_samples(outline, piece, scratch.points);
+    scratch.span = farthest_corner(outline, scratch.points.front());
 
     const Sides sides = from_.sides(piece.shape);
     if (!(scratch.guess_sides == sides)) scratch.guess = {scratch.guess[0], -1, -1, -1};
     scratch.guess_sides = sides;
-    const Vec3 centre = outline.centre();
-    const double slack = 2 * outline.radius();
-    collect(centre, slack, kAll, sides, scratch.guess[0], scratch.found);
-    piece.is_split = std::any_of(scratch.found.begin(), scratch.found.end(),
+    find_nearest(outline, scratch.guess[0], scratch);
+    store(scratch.nearest, scratch.span, chunk);
+    piece.is_split = std::any_of(scratch.nearest.begin(), scratch.nearest.end(),
                                  [&](const Hit& hit) { return !(to_.sides(hit.shape) == sides); });
-    measure_against(outline, centre, scratch.found, scratch.points, chunk);
     for (int number = 1; piece.is_split && number < 4; ++number) {
       const std::int32_t wanted_class = class_of(number, sides);
       if (!has_target(wanted_class, sides)) {
@@ -264,8 +276,8 @@ class Direction {
         chunk.distances.resize(chunk.distances.size() + piece.samples, 0);
         continue;
       }
-      select(centre, slack, wanted_class, sides, scratch.guess[number], scratch);
-      measure_against(outline, centre, scratch.filtered, scratch.points, chunk);
+      find_nearest_of_class(wanted_class, sides, scratch.guess[number], scratch);
+      store(scratch.nearest_of_class, scratch.span, chunk);
     }
     chunk.pieces.push_back(piece);
   }
@@ -285,99 +297,92 @@ class Direction {
       points.push_back(outline.point(fraction(u + s * kStepU), fraction(v + s * kStepV)));
   }
 
-  // The shapes of a class that can be nearest to a point of a piece.
-  void collect(const Vec3& centre,
-               double slack,
-               std::int32_t wanted,
-               Sides sides,
-               std::int64_t& guess,
-               std::vector<Hit>& found) const {
-    tree_.collect_nearest(
-        centre, slack, guess,
-        [&](std::size_t shape) { return matches(to_.sides(shape), wanted, sides); }, found);
-    guess = found.front().shape;
+  [[nodiscard]] Hit nearest(const Vec3& p,
+                            std::int32_t wanted,
+                            Sides sides,
+                            std::int64_t guess) const {
+    if (wanted == kAll) return tree_.nearest(p, guess, is_any);
+    return tree_.nearest(
+        p, guess, [&](std::size_t shape) { return matches(to_.sides(shape), wanted, sides); });
   }
 
-  // The same from the shapes that were found for all classes, if these are enough: where the
-  // nearest of them is of the class.
-  void select(const Vec3& centre,
-              double slack,
-              std::int32_t wanted,
-              Sides sides,
-              std::int64_t& guess,
-              Scratch& scratch) const {
-    if (!matches(to_.sides(scratch.found.front().shape), wanted, sides)) {
-      collect(centre, slack, wanted, sides, guess, scratch.filtered);
-      return;
+  // The shapes nearest to the samples of a piece. How far the first sample is from any one shape
+  // tells how far the nearest of the others can be, and so where in the tree; the answer serves the
+  // pieces around too.
+  void find_nearest(const FlatPiece& outline, std::int64_t& guess, Scratch& scratch) const {
+    Around& around = scratch.around;
+    const Vec3& first = scratch.points.front();
+    Box3 box;
+    for (int k = 0; k < outline.corners; ++k)
+      box.add(outline.corner[k]);
+    Hit hit;
+    const auto is_around = [&] {
+      return std::sqrt(hit.squared_distance) + scratch.span <= around.reach;
+    };
+    if (around.box.contains(box.lo) && around.box.contains(box.hi))
+      hit = tree_.nearest(first, guess, is_any, around.region);
+    if (!is_around()) {
+      hit = tree_.nearest(first, guess, is_any);
+      around.box = inflated(box);
+      around.reach = std::sqrt(hit.squared_distance) + scratch.span +
+                     std::min({around_.x, around_.y, around_.z}) / 2;
+      tree_.find_region(around.box, around.reach, around.region);
     }
-    scratch.filtered.clear();
-    std::copy_if(scratch.found.begin(), scratch.found.end(), std::back_inserter(scratch.filtered),
-                 [&](const Hit& hit) { return matches(to_.sides(hit.shape), wanted, sides); });
-    guess = scratch.filtered.front().shape;
+    scratch.nearest.assign(1, hit);
+    for (std::size_t s = 1; s < scratch.points.size(); ++s)
+      scratch.nearest.push_back(
+          tree_.nearest(scratch.points[s], scratch.nearest.back().shape, is_any, around.region));
+    guess = scratch.nearest.back().shape;
   }
 
-  void measure_against(const FlatPiece& outline,
-                       const Vec3& centre,
-                       const std::vector<Hit>& shapes,
-                       const std::vector<Vec3>& points,
-                       Chunk& chunk) const {
-    Vec3 at;
-    Bounds bounds = bound(outline, shapes, at);
-    for (const Vec3& p : points) {
-      const double d = distance_to(shapes, p, distance(p, centre));
-      bounds.attained = std::max(bounds.attained, d);
+  [[nodiscard]] Box3 inflated(Box3 box) const {
+    box.lo -= around_;
+    box.hi += around_;
+    return box;
+  }
+
+  static bool is_any(std::size_t) { return true; }
+
+  // The shapes of a class nearest to the samples: those of all shapes where they are of the class.
+  void find_nearest_of_class(std::int32_t wanted,
+                             Sides sides,
+                             std::int64_t& guess,
+                             Scratch& scratch) const {
+    scratch.nearest_of_class.clear();
+    for (std::size_t s = 0; s < scratch.points.size(); ++s) {
+      Hit hit = scratch.nearest[s];
+      if (!matches(to_.sides(hit.shape), wanted, sides))
+        hit = nearest(scratch.points[s], wanted, sides, guess);
+      guess = hit.shape;
+      scratch.nearest_of_class.push_back(hit);
+    }
+  }
+
+  // Keeps the distances of a piece's samples. No point of the piece is farther than the first
+  // sample by more than its distance from it.
+  static void store(const std::vector<Hit>& hits, double span, Chunk& chunk) {
+    Bounds bounds{0, std::sqrt(hits.front().squared_distance) + span};
+    for (const Hit& hit : hits) {
+      const double d = std::sqrt(hit.squared_distance);
       chunk.distances.push_back(static_cast<float>(d));
+      bounds.attained = std::max(bounds.attained, d);
     }
-    bounds.upper = std::max(bounds.upper, bounds.attained);
     chunk.bounds.push_back(bounds);
   }
 
-  // Distance from p to the nearest of the shapes, which are sorted by their distance from a point
-  // that is `away` from p: no shape can be nearer to p than its own distance less that.
-  [[nodiscard]] double distance_to(const std::vector<Hit>& shapes,
-                                   const Vec3& p,
-                                   double away) const {
-    double best2 = std::numeric_limits<double>::infinity(), reach2 = best2;
-    for (const Hit& hit : shapes) {
-      if (hit.squared_distance > reach2) break;
-      const double d2 = to_.squared_distance(hit.shape, p);
-      if (!(d2 < best2)) continue;
-      best2 = d2;
-      const double reach = std::sqrt(d2) + away;
-      reach2 = reach * reach;
-    }
-    return std::sqrt(best2);
+  static double farthest_corner(const FlatPiece& outline, const Vec3& p) {
+    double squared = 0;
+    for (int k = 0; k < outline.corners; ++k)
+      squared = std::max(squared, squared_norm(outline.corner[k] - p));
+    return std::sqrt(squared);
   }
 
-  // Bounds from the corners alone: the farthest of them, and the nearest convex shape's farthest.
-  Bounds bound(const FlatPiece& outline, const std::vector<Hit>& shapes, Vec3& at) const {
-    std::array<double, 4> nearest2;
-    nearest2.fill(std::numeric_limits<double>::infinity());
-    double upper2 = nearest2[0];
-    const double radius = outline.radius();
-    double reach2 = upper2;
-    for (const Hit& hit : shapes) {
-      if (hit.squared_distance > reach2) break;
-      double farthest2 = 0;
-      for (int k = 0; k < outline.corners; ++k) {
-        const double d2 = to_.squared_distance(hit.shape, outline.corner[k]);
-        nearest2[k] = std::min(nearest2[k], d2);
-        farthest2 = std::max(farthest2, d2);
-      }
-      if (!(farthest2 < upper2)) continue;
-      upper2 = farthest2;
-      const double reach = std::sqrt(upper2) + radius;
-      reach2 = reach * reach;
-    }
-    Bounds bounds{0, std::sqrt(upper2)};
-    at = outline.corner[0];
-    for (int k = 0; k < outline.corners; ++k) {
-      const double d = std::sqrt(nearest2[k]);
-      if (d <= bounds.attained) continue;
-      bounds.attained = d;
-      at = outline.corner[k];
-    }
-    return bounds;
+  // The largest distance of a point of a piece to one shape: a corner's, as both are convex.
+  [[nodiscard]] double farthest(const FlatPiece& outline, std::int64_t shape) const {
+    double squared = 0;
+    for (int k = 0; k < outline.corners; ++k)
+      squared = std::max(squared, to_.squared_distance(shape, outline.corner[k]));
+    return std::sqrt(squared);
   }
 
   // --- statistics --------------------------------------------------------------------------------
@@ -390,14 +395,14 @@ class Direction {
   }
 
   DistanceStats summarise(const std::vector<PieceId>& pieces, std::int32_t wanted) const {
-    DistanceSamples samples;
-    for (const PieceId id : pieces) {
-      const Chunk& chunk = chunks_[id.chunk];
-      const Piece& piece = chunk.pieces[id.piece];
+    std::vector<SampleRun> runs(pieces.size());
+    parallel_for_each_index(0, pieces.size(), [&](std::size_t i) {
+      const Chunk& chunk = chunks_[pieces[i].chunk];
+      const Piece& piece = chunk.pieces[pieces[i].piece];
       const std::size_t first = piece.first_sample + set_of(piece, wanted) * piece.samples;
-      samples.add({chunk.distances.data() + first, piece.samples}, piece.weight);
-    }
-    DistanceStats stats = samples.stats();
+      runs[i] = {{chunk.distances.data() + first, piece.samples}, piece.weight};
+    });
+    DistanceStats stats = sample_stats(runs);
     find_maximum(pieces, wanted, stats);
     stats.worst_mm = scaled_by(stats.worst_mm, options_.unit_mm);
     return stats;
@@ -412,21 +417,28 @@ class Direction {
   // The point of a measured piece where its largest distance to a class was found.
   [[nodiscard]] Part worst_part(PieceId id, std::int32_t wanted) const {
     const Piece& piece = chunks_[id.chunk].pieces[id.piece];
-    Part part{outline_of(piece), from_.sides(piece.shape), {}, {}};
+    Part part = whole(id, wanted);
     std::vector<Vec3> points;
     place_samples(part.outline, piece, points);
-    const Vec3 centre = part.outline.centre();
-    std::vector<Hit> shapes;
-    std::int64_t guess = -1;
-    collect(centre, 2 * part.outline.radius(), wanted, part.sides, guess, shapes);
-    part.bounds = bound(part.outline, shapes, part.at);
-    for (const Vec3& p : points) {
-      const double d = distance_to(shapes, p, distance(p, centre));
-      if (d <= part.bounds.attained) continue;
-      part.bounds.attained = d;
-      part.at = p;
-    }
+    for (const Vec3& p : points)
+      look_at(p, wanted, part);
     return part;
+  }
+
+  [[nodiscard]] Part whole(PieceId id, std::int32_t wanted) const {
+    const Piece& piece = chunks_[id.chunk].pieces[id.piece];
+    return {outline_of(piece), from_.sides(piece.shape), {0, bounds_of(id, wanted).upper}, {}, -1};
+  }
+
+  // Takes into account what the distance at one point of a part says about all of it.
+  void look_at(const Vec3& p, std::int32_t wanted, Part& part) const {
+    const Hit hit = nearest(p, wanted, part.sides, part.shape);
+    part.shape = hit.shape;
+    part.bounds.upper = std::min(part.bounds.upper, farthest(part.outline, hit.shape));
+    const double d = std::sqrt(hit.squared_distance);
+    if (d <= part.bounds.attained) return;
+    part.bounds.attained = d;
+    part.at = p;
   }
 
   static void take_if_farther(const Part& part, DistanceStats& stats) {
@@ -455,43 +467,49 @@ class Direction {
       std::vector<Part> open;
       for (std::size_t i = begin; i < std::min(pieces.size(), begin + kBlock); ++i) {
         const Bounds& bounds = bounds_of(pieces[i], wanted);
-        if (bounds.upper <= stats.max + options_.max_error) {
-          upper = std::max(upper, bounds.upper);
-          continue;
-        }
-        const Piece& piece = chunks_[pieces[i].chunk].pieces[pieces[i].piece];
-        open.push_back({outline_of(piece), from_.sides(piece.shape), bounds, {}});
+        if (bounds.upper <= stats.max) continue;
+        open.push_back(whole(pieces[i], wanted));
       }
-      while (!open.empty())
-        open = halve(open, wanted, stats, upper);
+      look_at_centres(open, wanted, stats);
+      while (true) {
+        open = settle(open, stats, upper);
+        if (open.empty()) break;
+        open = halves_of(open);
+        look_at_centres(open, wanted, stats);
+      }
     }
     stats.max_error = std::max(0.0, upper - stats.max);
   }
 
-  std::vector<Part> halve(const std::vector<Part>& open,
-                          std::int32_t wanted,
-                          DistanceStats& stats,
-                          double& upper) const {
-    std::vector<Part> parts(2 * open.size());
+  static std::vector<Part> halves_of(const std::vector<Part>& open) {
+    std::vector<Part> parts;
+    parts.reserve(2 * open.size());
+    for (const Part& part : open)
+      for (const FlatPiece& half : halves(part.outline))
+        parts.push_back({half, part.sides, {0, part.bounds.upper}, {}, part.shape});
+    return parts;
+  }
+
+  void look_at_centres(std::vector<Part>& parts, std::int32_t wanted, DistanceStats& stats) const {
+    const double found = stats.max;
     parallel_for_each_index(
-        0, open.size(),
+        0, parts.size(),
         [&](std::size_t i) {
-          std::vector<Hit> shapes;
-          const auto outlines = halves(open[i].outline);
-          std::int64_t guess = -1;
-          for (int half = 0; half < 2; ++half) {
-            Part& part = parts[2 * i + static_cast<std::size_t>(half)];
-            part.outline = outlines[half];
-            part.sides = open[i].sides;
-            const Vec3 centre = part.outline.centre();
-            collect(centre, 2 * part.outline.radius(), wanted, part.sides, guess, shapes);
-            part.bounds = bound(part.outline, shapes, part.at);
-            part.bounds.upper = std::min(part.bounds.upper, open[i].bounds.upper);
-          }
+          Part& part = parts[i];
+          look_at(part.outline.centre(), wanted, part);
+          // A part that may hold the maximum: it is at a corner more often than not.
+          for (int k = 0; k < part.outline.corners && part.bounds.upper > found; ++k)
+            look_at(part.outline.corner[k], wanted, part);
         },
         64);
     for (const Part& part : parts)
       take_if_farther(part, stats);
+  }
+
+  // The parts that may exceed what is found by more than the error.
+  [[nodiscard]] std::vector<Part> settle(const std::vector<Part>& parts,
+                                         const DistanceStats& stats,
+                                         double& upper) const {
     std::vector<Part> rest;
     for (const Part& part : parts) {
       if (part.bounds.upper > stats.max + options_.max_error)
@@ -507,7 +525,7 @@ class Direction {
   const ShapeTree<To>& tree_;
   DirectionOptions options_;
   CounterRandom random_;
-  Vec3 to_voxels_;
+  Vec3 to_voxels_, around_;
   std::vector<bool> is_in_target_;
   std::set<Sides> pairs_in_target_;
   std::vector<Chunk> chunks_;

@@ -25,25 +25,13 @@ struct DistanceStats {
   Sides worst_sides;        ///< materials on either side there
 };
 
-/// Collects sampled distances. The samples stay where they are; the order of the calls is the
-/// order of the sums.
-class DistanceSamples {
- public:
-  /// Samples that stand for `weight` of area each; they must outlive this object.
-  void add(std::span<const float> distances, float weight);
-
-  /// All but the maximum.
-  [[nodiscard]] DistanceStats stats() const;
-
- private:
-  struct Run {
-    std::span<const float> distances;
-    double weight;
-  };
-
-  [[nodiscard]] double quantile(double share, double largest, double total_weight) const;
-
-  std::vector<Run> runs_;
+/// Sampled distances that stand for `weight` of area each.
+struct SampleRun {
+  std::span<const float> distances;
+  float weight = 0;
 };
+
+/// All but the maximum, the same at any number of threads.
+DistanceStats sample_stats(const std::vector<SampleRun>& runs);
 
 }  // namespace cvmesh
