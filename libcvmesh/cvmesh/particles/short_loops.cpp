@@ -7,8 +7,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <compare>
+#include <cstddef>
 #include <limits>
-#include <map>
+#include <numeric>
 #include <queue>
 #include <set>
 #include <tuple>
@@ -56,27 +58,51 @@ class SheetGraph {
       return static_cast<std::int32_t>(std::lower_bound(vertices.begin(), vertices.end(), v) -
                                        vertices.begin());
     };
-    std::vector<std::tuple<std::int32_t, std::int32_t, std::int32_t>> sides;
+
+    // The sides of the facets by their lower vertex, then each vertex' few by the other one.
+    struct Side {
+      std::int32_t b, facet;
+      auto operator<=>(const Side&) const = default;
+    };
+
+    std::vector<std::array<std::int32_t, 3>> corners(facets.size());
+    std::vector<std::size_t> first_side(vertices.size() + 1, 0);
+    const auto for_each_side = [&](std::size_t f, const auto& visit) {
+      for (int k = 0; k < 3; ++k) {
+        const auto [a, b] = std::minmax(corners[f][k], corners[f][(k + 1) % 3]);
+        visit(a, b);
+      }
+    };
     for (std::size_t f = 0; f < facets.size(); ++f) {
       const auto& v = dense.facets[facets[f]];
-      const std::array<std::int32_t, 3> w{local(v[0]), local(v[1]), local(v[2])};
-      for (int k = 0; k < 3; ++k) {
-        const auto [a, b] = std::minmax(w[k], w[(k + 1) % 3]);
-        sides.emplace_back(a, b, static_cast<std::int32_t>(f));
-      }
+      corners[f] = {local(v[0]), local(v[1]), local(v[2])};
+      for_each_side(f, [&](std::int32_t a, std::int32_t) { ++first_side[a + 1]; });
     }
-    std::sort(sides.begin(), sides.end());
+    std::partial_sum(first_side.begin(), first_side.end(), first_side.begin());
+    std::vector<Side> sides(first_side.back());
+    auto next = first_side;
+    for (std::size_t f = 0; f < facets.size(); ++f)
+      for_each_side(f, [&](std::int32_t a, std::int32_t b) {
+        sides[next[a]++] = {b, static_cast<std::int32_t>(f)};
+      });
+    edges.reserve(sides.size() / 2 + vertices.size());
     edges_of_facet.assign(facets.size(), {-1, -1, -1});
-    for (const auto& [a, b, f] : sides) {
-      if (edges.empty() || edges.back().a != a || edges.back().b != b) {
-        edges.push_back({a, b, {-1, -1}, 0, 0});
-        edges.back().length = distance(dense.points[vertices[a]], dense.points[vertices[b]]);
+    for (std::size_t v = 0; v < vertices.size(); ++v) {
+      std::sort(sides.begin() + static_cast<std::ptrdiff_t>(first_side[v]),
+                sides.begin() + static_cast<std::ptrdiff_t>(first_side[v + 1]));
+      const auto a = static_cast<std::int32_t>(v);
+      for (std::size_t n = first_side[v]; n < first_side[v + 1]; ++n) {
+        const auto [b, f] = sides[n];
+        if (edges.empty() || edges.back().a != a || edges.back().b != b) {
+          edges.push_back({a, b, {-1, -1}, 0, 0});
+          edges.back().length = distance(dense.points[vertices[a]], dense.points[vertices[b]]);
+        }
+        Edge& edge = edges.back();
+        edge.facet[edge.facet[0] < 0 ? 0 : 1] = f;
+        auto& of_facet = edges_of_facet[f];
+        *std::find(of_facet.begin(), of_facet.end(), -1) =
+            static_cast<std::int32_t>(edges.size() - 1);
       }
-      Edge& edge = edges.back();
-      edge.facet[edge.facet[0] < 0 ? 0 : 1] = f;
-      auto& of_facet = edges_of_facet[f];
-      *std::find(of_facet.begin(), of_facet.end(), -1) =
-          static_cast<std::int32_t>(edges.size() - 1);
     }
     first.assign(vertices.size() + 1, 0);
     for (const Edge& e : edges) {
@@ -386,36 +412,61 @@ class Cells {
     std::vector<bool> is_on_rim(graph_.vertices.size(), false);
     for (const Edge& e : graph_.edges)
       if (e.facet[1] < 0) is_on_rim[e.a] = is_on_rim[e.b] = true;
-    std::map<std::pair<std::int32_t, std::int32_t>, std::uint64_t> word_between;
-    std::map<std::pair<std::int32_t, std::int32_t>, std::int32_t> missing;
-    for (const Edge& e : graph_.edges) {
-      const std::pair<std::int32_t, std::int32_t> cells = std::minmax(owner_[e.a], owner_[e.b]);
-      const std::uint64_t word = word_[e.a] ^ word_[e.b] ^ e.word;
-      // The way from a cell to itself without leaving it has no word: so it is for most edges.
-      if (word == 0 && cells.first == cells.second) continue;
-      const auto first = word_between.try_emplace(cells, cells.first == cells.second ? 0 : word);
-      if (first.first->second == word) continue;
+
+    // Edges that leave a cell, or close a loop in it; those between the same two cells together.
+    struct Way {
+      std::int32_t from, to, edge;
+      auto operator<=>(const Way&) const = default;
+    };
+
+    std::vector<Way> ways;
+    for (std::size_t e = 0; e < graph_.edges.size(); ++e) {
+      const auto [from, to] = std::minmax(owner_[graph_.edges[e].a], owner_[graph_.edges[e].b]);
+      if (from != to || word_of(graph_.edges[e]) != 0)
+        ways.push_back({from, to, static_cast<std::int32_t>(e)});
+    }
+    parallel_sort(ways.begin(), ways.end());
+
+    struct Missing {
+      std::int32_t from, to, vertex;
+    };
+
+    std::vector<Missing> missing;
+    std::uint64_t first_word = 0;
+    for (std::size_t n = 0; n < ways.size(); ++n) {
+      const auto [from, to, id] = ways[n];
+      const Edge& e = graph_.edges[id];
+      const bool is_first = n == 0 || ways[n - 1].from != from || ways[n - 1].to != to;
+      // The way from a cell to itself without leaving it has no word.
+      if (is_first) first_word = from == to ? 0 : word_of(e);
+      if (word_of(e) == first_word) continue;
       // The rim has its own particles, which are not for the sheet to add.
       if (is_on_rim[e.a] && is_on_rim[e.b]) continue;
       const bool takes_a = is_on_rim[e.b] || (!is_on_rim[e.a] && distance_[e.a] >= distance_[e.b]);
       const auto far = takes_a ? e.a : e.b;
-      const auto [at, is_new] = missing.try_emplace(cells, far);
-      if (!is_new && distance_[far] > distance_[at->second]) at->second = far;
+      if (missing.empty() || missing.back().from != from || missing.back().to != to)
+        missing.push_back({from, to, far});
+      else if (distance_[far] > distance_[missing.back().vertex])
+        missing.back().vertex = far;
     }
     std::vector<std::int32_t> result;
     std::set<std::int32_t> used;
-    for (const auto& [cells, v] : missing) {
+    for (const auto& [from, to, v] : missing) {
       // What is added to one cell changes its neighbours, too. A particle stands on every vertex
       // of the loop when the farthest is its own: the dense surface has no more to give.
-      if (distance_[v] == 0 || used.count(cells.first) > 0 || used.count(cells.second) > 0)
-        continue;
-      used.insert({cells.first, cells.second});
+      if (distance_[v] == 0 || used.count(from) > 0 || used.count(to) > 0) continue;
+      used.insert({from, to});
       result.push_back(v);
     }
     return result;
   }
 
  private:
+  // Of the way along an edge from the particle of one cell to that of the other.
+  [[nodiscard]] std::uint64_t word_of(const Edge& e) const {
+    return word_[e.a] ^ word_[e.b] ^ e.word;
+  }
+
   const SheetGraph& graph_;
   std::vector<double> distance_;
   std::vector<std::uint64_t> word_;
