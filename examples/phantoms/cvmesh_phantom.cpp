@@ -3,6 +3,7 @@
 
 #include "phantoms/phantoms.h"
 #include "phantoms/write_nifti.h"
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -16,10 +17,11 @@ using namespace cvmesh;
 
 constexpr char kUsage[] =
     "usage: cvmesh-phantom SHAPE --out FILE.nii.gz [--size SIZE]\n"
-    "  SHAPE  femur, spheres, torus or plate\n"
+    "  SHAPE  femur, body, spheres, torus or plate\n"
     "  SIZE   small, medium, full or a number; voxels per axis grow with it.\n"
     "         femur: 0.24 to 2, small is 60 x 60 x 120 voxels, full 250 x 250 x 500 (default "
     "small)\n"
+    "         body: 0.25 to 1, 128 x 128 x 150 to 512 x 512 x 600 voxels (default small, 0.25)\n"
     "         others: 0.5 to 8 (default 1)\n";
 
 struct CommandLine {
@@ -48,11 +50,14 @@ CommandLine parse(const std::vector<std::string>& words) {
 }
 
 double parse_size(const CommandLine& line) {
-  const bool is_femur = line.shape == "femur";
-  if (line.size.empty()) return is_femur ? examples::kSmall : 1;
-  if (line.size == "small") return is_femur ? examples::kSmall : 1;
-  if (line.size == "medium") return is_femur ? examples::kMedium : 2;
-  if (line.size == "full") return is_femur ? examples::kFull : 4;
+  using Sizes = std::array<double, 3>;  // small, medium, full
+  const Sizes sizes = line.shape == "femur"
+                          ? Sizes{examples::kSmall, examples::kMedium, examples::kFull}
+                      : line.shape == "body" ? Sizes{examples::kMinBodySize, 0.5, 1}
+                                             : Sizes{1, 2, 4};
+  if (line.size.empty() || line.size == "small") return sizes[0];
+  if (line.size == "medium") return sizes[1];
+  if (line.size == "full") return sizes[2];
   char* end = nullptr;
   const double size = std::strtod(line.size.c_str(), &end);
   require(end != nullptr && *end == '\0', ErrorCode::BadParameter, "cvmesh-phantom",
@@ -62,11 +67,12 @@ double parse_size(const CommandLine& line) {
 
 InputVolume make(const std::string& shape, double size) {
   if (shape == "femur") return examples::femur(size);
+  if (shape == "body") return examples::body(size);
   if (shape == "spheres") return examples::spheres(size);
   if (shape == "torus") return examples::torus(size);
   if (shape == "plate") return examples::plate(size);
   throw Error(ErrorCode::BadParameter, "cvmesh-phantom",
-              "unknown shape '" + shape + "'; use femur, spheres, torus or plate");
+              "unknown shape '" + shape + "'; use femur, body, spheres, torus or plate");
 }
 
 void print_summary(const InputVolume& volume, const std::string& path) {

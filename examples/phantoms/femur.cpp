@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/core/error.h"
-#include "cvmesh/labels/lattice_components.h"
 
+#include "phantoms/absorb_crumbs.h"
 #include "phantoms/implicit.h"
 #include "phantoms/phantoms.h"
 #include <algorithm>
@@ -149,45 +149,6 @@ class Femur {
   Profile stem_half_depth_{{190, 4.5}, {240, 5.5}, {290, 7}, {338, 8}};
 };
 
-/// Gives every piece of a tissue below `kCrumb` voxels to the tissue that it shares most faces with
-/// (ties: the smaller label). Where two boundaries graze each other, sampling leaves such crumbs.
-void absorb_crumbs(InputVolume& volume) {
-  const GridFrame& frame = volume.frame;
-  Grid<MaterialId> ids(frame);
-  std::copy(volume.values.begin(), volume.values.end(), ids.values.begin());
-  const LatticeComponents pieces = find_lattice_components(ids);
-  using Faces = std::array<std::size_t, kFibrous + 1>;
-  std::vector<Faces> faces(pieces.component_count(), Faces{});
-  const auto for_each_crumb_voxel = [&](const auto& visit) {
-    for (int k = 0; k < frame.dims[2]; ++k) {
-      for (int j = 0; j < frame.dims[1]; ++j) {
-        const std::size_t row = static_cast<std::size_t>(k) * frame.dims[1] + j;
-        for (std::size_t r = pieces.first_of_row[row]; r < pieces.first_of_row[row + 1]; ++r) {
-          const std::uint32_t piece = pieces.component_of[r];
-          if (pieces.voxels_of[piece] >= kCrumb) continue;
-          for (int i = pieces.runs[r].begin; i < pieces.runs[r].end; ++i)
-            visit(piece, i, j, k);
-        }
-      }
-    }
-  };
-  for_each_crumb_voxel([&](std::uint32_t piece, int i, int j, int k) {
-    constexpr int kSteps[6][3] = {{1, 0, 0},  {-1, 0, 0}, {0, 1, 0},
-                                  {0, -1, 0}, {0, 0, 1},  {0, 0, -1}};
-    for (const auto& step : kSteps) {
-      const int ni = i + step[0], nj = j + step[1], nk = k + step[2];
-      if (!frame.contains(ni, nj, nk)) continue;
-      const Label other = volume(ni, nj, nk);
-      if (other != pieces.material_of[piece]) ++faces[piece][static_cast<std::size_t>(other)];
-    }
-  });
-  for_each_crumb_voxel([&](std::uint32_t piece, int i, int j, int k) {
-    const Faces& shared = faces[piece];
-    const auto most = std::max_element(shared.begin() + 1, shared.end());
-    if (*most > 0) volume(i, j, k) = static_cast<Label>(most - shared.begin());
-  });
-}
-
 }  // namespace
 
 InputVolume femur(double size) {
@@ -232,8 +193,8 @@ InputVolume femur(double size) {
     }
   }
   // A crumb beside a crumb may need a second pass; more than that does not occur.
-  absorb_crumbs(volume);
-  absorb_crumbs(volume);
+  absorb_crumbs(kCrumb, volume);
+  absorb_crumbs(kCrumb, volume);
   return volume;
 }
 

@@ -8,7 +8,9 @@
 #include "support/phantoms.h"
 #include "support/test_data.h"
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <filesystem>
 #include <map>
@@ -122,6 +124,22 @@ TEST_CASE("femur: tissues touch what they touch in a patient", "[examples][unit]
 TEST_CASE("femur: a size out of range is refused", "[examples][unit]") {
   CHECK_THROWS_AS(examples::femur(0.1), Error);
   CHECK_THROWS_AS(examples::femur(3), Error);
+}
+
+TEST_CASE("body: sixty labels, each in one piece, none at the border", "[examples][unit]") {
+  const InputVolume volume = examples::body(examples::kMinBodySize);
+  CHECK(volume.frame.dims == std::array<std::int32_t, 3>{128, 128, 150});
+  std::map<Label, int> pieces = components(volume);
+  pieces.erase(0);
+  REQUIRE(pieces.size() == 60);
+  for (const auto& [label, count] : pieces) {
+    CAPTURE(label);
+    CHECK(count == 1);
+  }
+  CHECK(neighbours(volume, 0) == std::set<Label>{1});        // nothing but skin sees the air,
+  CHECK(neighbours(volume, 2).count(4) == 0);                // and muscle parts fat and organs
+  CHECK(neighbours(volume, 49) == std::set<Label>{47, 50});  // the aorta leaves the heart
+  CHECK_THROWS_AS(examples::body(0.1), Error);
 }
 
 TEST_CASE("spheres, torus, plate: volumes are those of the shapes", "[examples][unit]") {
