@@ -6,7 +6,7 @@
 #
 # usage: install_dependencies.sh [--no-tests] [--rendering] [--cohort]
 #   --no-tests    leave out what only the tests need
-#   --cohort      also snakemake, for scripts/cohort/Snakefile and its test
+#   --cohort      also snakemake (700 MB installed), for scripts/cohort/Snakefile and its test
 #   --rendering   also what scripts/render_mesh.py needs
 set -eu
 
