@@ -228,8 +228,8 @@ def check_space(name, space, wanted):
 
 
 def mesh_in_spaces(cvmesh, path, native, out):
-    """Meshes an image in its own space, `native`, in RAS and in LPS; pairs of folder and space."""
-    for option, space in (("input", native), ("ras", "RAS"), ("lps", "LPS")):
+    """Meshes an image in its own space, `native`, and in all others; pairs of folder and space."""
+    for option, space in (("input", native), ("ras", "RAS"), ("lps", "LPS"), ("grid", "grid")):
         folder = out / option
         subprocess.run([cvmesh, "mesh", path, "--out", folder, "--space", option, "--quiet", "--force",
                         "--set", "epsilon=2", "--formats", ",".join(FORMATS)], check=True)
@@ -257,17 +257,25 @@ def check_files(folder, stem, space, world, volume_tolerance, what):
     return all_well
 
 
+def world_of(space, affine):
+    """From indices to a space; `affine` goes to RAS."""
+    world = np.eye(4)
+    if space == "grid":
+        # Along the voxels' own axes, from the first voxel's centre.
+        world[:3, :3] = np.diag(np.linalg.norm(affine[:3, :3], axis=0))
+    else:
+        world[:3] = (LPS if space == "LPS" else np.eye(3)) @ affine[:3]
+    return world
+
+
 def check_volume(cvmesh, itk_place, path, native, out):
     all_well = True
-    to_space = {"RAS": np.eye(3), "LPS": LPS}
     affines = affines_of(itk_place, path)
     for folder, space in mesh_in_spaces(cvmesh, path, native, out):
         for program, affine, volume_tolerance in affines:
-            world = np.eye(4)
-            world[:3] = to_space[space] @ affine[:3]
             what = f"{path.name}, {folder.name}, by {program}"
-            all_well &= check_files(folder, path.name.split(".")[0], space, world, volume_tolerance,
-                                    what)
+            all_well &= check_files(folder, path.name.split(".")[0], space,
+                                    world_of(space, affine), volume_tolerance, what)
     return all_well
 
 
