@@ -16,7 +16,7 @@ build="build-essential cmake ninja-build libboost-dev libcgal-dev libtet1.5-dev
 tests="catch2 python3-minimal python3-numpy python3-meshio python3-nibabel python3-jsonschema
   calculix-ccx python3-gmsh python3-getfem++ python3-vtk9 slurm-wlm munge chromium chromium-driver"
 cohort="snakemake"
-rendering="python3-vtk9 xvfb xauth"
+rendering="python3-vtk9 python3-nibabel xvfb xauth"
 
 packages="$build $tests"
 for argument in "$@"; do
