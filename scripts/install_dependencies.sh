@@ -6,7 +6,7 @@
 #
 # usage: install_dependencies.sh [--no-tests] [--rendering] [--cohort]
 #   --no-tests    leave out what only the tests need
-#   --cohort      also snakemake, for scripts/cohort/Snakefile and its test
+#   --cohort      also snakemake (700 MB installed), for scripts/cohort/Snakefile and its test
 #   --rendering   also what scripts/render_mesh.py needs
 set -eu
 
@@ -14,9 +14,9 @@ build="build-essential cmake ninja-build libboost-dev libcgal-dev libtet1.5-dev
   libinsighttoolkit5-dev libcli11-dev nlohmann-json3-dev libspdlog-dev libfmt-dev libtbb-dev
   libeigen3-dev libnanoflann-dev zlib1g-dev libssl-dev libgmp-dev libmpfr-dev libjs-three"
 tests="catch2 python3-minimal python3-numpy python3-meshio python3-nibabel python3-jsonschema
-  calculix-ccx python3-gmsh python3-getfem++ slurm-wlm munge chromium chromium-driver"
+  calculix-ccx python3-gmsh python3-getfem++ python3-vtk9 slurm-wlm munge chromium chromium-driver"
 cohort="snakemake"
-rendering="python3-vtk9 xvfb xauth"
+rendering="python3-vtk9 python3-nibabel xvfb xauth"
 
 packages="$build $tests"
 for argument in "$@"; do

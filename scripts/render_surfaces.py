@@ -15,6 +15,7 @@ import sys
 from render_mesh import direction, ensure_display, fit, write_png
 
 COLOUR = (0.93, 0.86, 0.74)
+LINE, LINE_BEHIND = (0.55, 0.15, 0.12), (0.72, 0.74, 0.78)
 
 
 def parse_arguments():
@@ -30,6 +31,9 @@ def parse_arguments():
     parser.add_argument("--part", type=float, nargs=2, default=[0, 1], metavar=("FROM", "TO"),
                         help="the part of the height that is shown, from 0 to 1")
     parser.add_argument("--edges", action="store_true", help="draw the edges of the .off surfaces")
+    parser.add_argument("--section", metavar="SURFACE",
+                        help="draw where each surface meets a plane across the middle of this one "
+                             "(.off), over the same of this one")
     parser.add_argument("--size", default="400x600", metavar="WxH", help="pixels of each picture")
     return parser.parse_args()
 
@@ -97,6 +101,53 @@ def shown(points, cells, part):
     return cells[numpy.logical_and(place >= part[0], place <= part[1])]
 
 
+def surface_actor(points, cells, has_edges):
+    from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+
+    mapper = vtkPolyDataMapper()
+    mapper.SetInputData(poly_data(points, cells))
+    actor = vtkActor()
+    actor.SetMapper(mapper)
+    actor.GetProperty().SetColor(*COLOUR)
+    actor.GetProperty().SetInterpolationToFlat()
+    actor.GetProperty().SetAmbient(0.1)
+    actor.GetProperty().SetDiffuse(0.9)
+    if has_edges:
+        actor.GetProperty().EdgeVisibilityOn()
+        actor.GetProperty().SetEdgeColor(0.25, 0.22, 0.18)
+    return actor
+
+
+def section_actor(points, cells, origin, normal, colour):
+    from vtkmodules.vtkCommonDataModel import vtkPlane
+    from vtkmodules.vtkFiltersCore import vtkCutter
+    from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+
+    plane = vtkPlane()
+    plane.SetOrigin(*origin)
+    plane.SetNormal(*normal)
+    cutter = vtkCutter()
+    cutter.SetInputData(poly_data(points, cells))
+    cutter.SetCutFunction(plane)
+    mapper = vtkPolyDataMapper()
+    mapper.SetInputConnection(cutter.GetOutputPort())
+    mapper.ScalarVisibilityOff()
+    actor = vtkActor()
+    actor.SetMapper(mapper)
+    actor.GetProperty().SetColor(*colour)
+    actor.GetProperty().SetLineWidth(3)
+    actor.GetProperty().LightingOff()
+    return actor
+
+
+def bounds_of(points):
+    return [bound for a in range(3) for bound in (points[:, a].min(), points[:, a].max())]
+
+
+def middle_of(bounds):
+    return [(bounds[2 * a] + bounds[2 * a + 1]) / 2 for a in range(3)]
+
+
 def main():
     arguments = parse_arguments()
     for path in arguments.inputs:
@@ -109,9 +160,9 @@ def main():
     import vtkmodules.vtkInteractionStyle  # noqa: F401  (registers factories)
     import vtkmodules.vtkRenderingFreeType  # noqa: F401
     import vtkmodules.vtkRenderingOpenGL2  # noqa: F401
-    from vtkmodules.vtkRenderingCore import (
-        vtkActor, vtkPolyDataMapper, vtkRenderer, vtkRenderWindow, vtkTextActor)
+    from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow, vtkTextActor
 
+    behind = off_facets(arguments.section) if arguments.section else None
     window = vtkRenderWindow()
     window.SetOffScreenRendering(1)
     window.SetMultiSamples(8)
@@ -119,22 +170,18 @@ def main():
     for place, path in enumerate(arguments.inputs):
         points, cells = off_facets(path) if path.endswith(".off") else voxel_faces(path)
         cells = shown(points, cells, arguments.part)
-        mapper = vtkPolyDataMapper()
-        mapper.SetInputData(poly_data(points, cells))
-        actor = vtkActor()
-        actor.SetMapper(mapper)
-        actor.GetProperty().SetColor(*COLOUR)
-        actor.GetProperty().SetInterpolationToFlat()
-        actor.GetProperty().SetAmbient(0.1)
-        actor.GetProperty().SetDiffuse(0.9)
-        if arguments.edges and path.endswith(".off"):
-            actor.GetProperty().EdgeVisibilityOn()
-            actor.GetProperty().SetEdgeColor(0.25, 0.22, 0.18)
         renderer = vtkRenderer()
         renderer.SetBackground(1, 1, 1)
         renderer.SetViewport(place / len(arguments.inputs), 0,
                              (place + 1) / len(arguments.inputs), 1)
-        renderer.AddActor(actor)
+        if behind:
+            bounds = bounds_of(behind[0])
+            for surface, colour in ((behind, LINE_BEHIND), ((points, cells), LINE)):
+                renderer.AddActor(section_actor(*surface, middle_of(bounds), normal, colour))
+        else:
+            bounds = bounds_of(points[cells.ravel()])
+            renderer.AddActor(surface_actor(points, cells,
+                                            arguments.edges and path.endswith(".off")))
         if place < len(arguments.captions):
             text = vtkTextActor()
             text.SetInput(arguments.captions[place])
@@ -142,9 +189,7 @@ def main():
             text.GetTextProperty().SetFontSize(20)
             text.SetPosition(10, 8)
             renderer.AddActor(text)
-        used = points[cells.ravel()]
-        bounds = [bound for a in range(3) for bound in (used[:, a].min(), used[:, a].max())]
-        centre = [(bounds[2 * a] + bounds[2 * a + 1]) / 2 for a in range(3)]
+        centre = middle_of(bounds)
         camera = renderer.GetActiveCamera()
         camera.SetFocalPoint(*centre)
         camera.SetPosition(*(centre[a] + normal[a] for a in range(3)))

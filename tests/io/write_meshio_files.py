@@ -40,6 +40,7 @@ meshio.medit.write(f"{folder}/medit.mesh", mesh("medit:ref"))
 gmsh = mesh("gmsh:physical")
 gmsh.cell_data["gmsh:geometrical"] = gmsh.cell_data["gmsh:physical"]
 meshio.gmsh.write(f"{folder}/gmsh.msh", gmsh, fmt_version="2.2", binary=False)
+meshio.gmsh.write(f"{folder}/gmsh_binary.msh", gmsh, fmt_version="2.2", binary=True)
 surface = meshio.Mesh(points, [("triangle", numpy.array([[0, 1, 2], [0, 1, 3]]))])
 meshio.ply.write(f"{folder}/text.ply", surface, binary=False)
 meshio.ply.write(f"{folder}/binary.ply", surface, binary=True)

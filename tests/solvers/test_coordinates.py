@@ -1,11 +1,11 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: AGPL-3.0-or-later
 """Where the mesh lies, in every format that cvmesh writes: volumes of two labels that fill their box
-are meshed to that box exactly, so its corners and the place of each label are known from the image's
-affine, as nibabel reads it. Oblique, anisotropic, asymmetric volumes, mirrored ones among them, as
-NIfTI, MetaImage and NRRD. A test (label "slow").
+are meshed to that box exactly, so its corners and the place of each label are known from where ITK,
+and for NIfTI nibabel, has the voxels of the file. Oblique, anisotropic, asymmetric volumes, mirrored
+ones among them, as NIfTI, MetaImage and NRRD. A test (label "slow").
 
-    test_coordinates.py CVMESH OUT
+    test_coordinates.py CVMESH CVMESH_ITK_PLACE OUT
 
 Exits with 77 (skipped) where meshio or nibabel is not installed.
 """
@@ -81,6 +81,28 @@ def write_nrrd(path, labels, affine):
             f"sizes: {' '.join(map(str, DIMS))}\nspace directions: {columns}\n"
             f"space origin: ({origin})\nkinds: domain domain domain\nencoding: raw\n\n")
     path.write_bytes(head.encode() + labels.tobytes(order="F"))
+
+
+# ---- where other programs have the voxels: from index to RAS ---------------------------------------
+
+def affine_of_itk(itk_place, path):
+    indices = np.vstack([np.zeros(3), np.eye(3)])
+    done = subprocess.run([itk_place, path], check=True, text=True, stdout=subprocess.PIPE,
+                          input="\n".join(" ".join(map(str, row)) for row in indices))
+    points = np.array([line.split() for line in done.stdout.splitlines()], float) @ LPS
+    affine = np.eye(4)
+    affine[:3, :3] = (points[1:] - points[0]).T
+    affine[:3, 3] = points[0]
+    return affine
+
+
+def affines_of(itk_place, path):
+    """Name of the program, its affine, and to what relative error that keeps volumes."""
+    if path.name.endswith(".nii.gz"):
+        # ITK takes the spacing apart from the axes, and both in single precision.
+        return [("ITK", affine_of_itk(itk_place, path), 1e-7),
+                ("nibabel", nibabel.load(path).affine, 1e-9)]
+    return [("ITK", affine_of_itk(itk_place, path), 1e-9)]
 
 
 # ---- what a file holds: points, tets, label of each tet, space -----------------------------------
@@ -171,7 +193,8 @@ def farthest_corner(points, affine):
     return worst
 
 
-def check_tets(name, points, tets, labels, affine, image):
+def check_tets(name, points, tets, labels, affine, volume_tolerance):
+    image = volume()
     p = points[tets]
     volumes = np.linalg.det(p[:, 1:] - p[:, :1]) / 6
     box = abs(np.linalg.det(affine[:3, :3])) * np.prod(DIMS)
@@ -187,7 +210,7 @@ def check_tets(name, points, tets, labels, affine, image):
         faults.append(f"a node lies {outside.max()} voxels outside")
     if volumes.min() <= 0:
         faults.append(f"{(volumes <= 0).sum()} tets are not positive")
-    if abs(volumes.sum() / box - 1) > 1e-9:
+    if abs(volumes.sum() / box - 1) > volume_tolerance:
         faults.append(f"the volume is {volumes.sum()} instead of {box} mm3")
     # Tets across the smoothed wall between the labels; a mirrored or shifted mesh has far more.
     if wrong > 0.05:
@@ -204,38 +227,60 @@ def check_space(name, space, wanted):
     return False
 
 
-def check_volume(cvmesh, path, affine, native, out):
-    """All formats of one image, in its own space, in RAS and in LPS; `native` is what it is in."""
-    all_well = True
-    image = volume()
-    to_space = {"RAS": np.eye(3), "LPS": LPS}
-    for option, space in (("input", native), ("ras", "RAS"), ("lps", "LPS")):
+def mesh_in_spaces(cvmesh, path, native, out):
+    """Meshes an image in its own space, `native`, and in all others; pairs of folder and space."""
+    for option, space in (("input", native), ("ras", "RAS"), ("lps", "LPS"), ("grid", "grid")):
         folder = out / option
         subprocess.run([cvmesh, "mesh", path, "--out", folder, "--space", option, "--quiet", "--force",
                         "--set", "epsilon=2", "--formats", ",".join(FORMATS)], check=True)
-        world = np.eye(4)
-        world[:3] = to_space[space] @ affine[:3]
-        stem = path.name.split(".")[0]
-        for suffix, reader in READERS.items():
-            name = f"{path.name}, {option}, {suffix}"
-            points, tets, labels, stated = reader(folder / (stem + suffix))
-            all_well &= check_space(name, stated, space)
-            all_well &= check_tets(name, points, tets, labels, world, image)
-        for suffix in (".stl", ".ply", ".vtp"):
-            points, stated = read_surface_points(folder / f"{stem}.label_1{suffix}")
-            name = f"{path.name}, {option}, label_1{suffix}"
-            all_well &= check_space(name, stated, space)
-            # Label 2 has one corner of the box for itself.
-            others = read_surface_points(folder / f"{stem}.label_2{suffix}")[0]
-            corner = farthest_corner(np.concatenate([points, others]), world)
-            if corner > TOLERANCE_MM:
-                print(f"FAILED {name}: a corner of the box is {corner} mm from any vertex")
-                all_well = False
+        yield folder, space
+
+
+def check_files(folder, stem, space, world, volume_tolerance, what):
+    """All formats; `world` is the affine from indices to the space."""
+    all_well = True
+    for suffix, reader in READERS.items():
+        name = f"{what}, {suffix}"
+        points, tets, labels, stated = reader(folder / (stem + suffix))
+        all_well &= check_space(name, stated, space)
+        all_well &= check_tets(name, points, tets, labels, world, volume_tolerance)
+    for suffix in (".stl", ".ply", ".vtp"):
+        points, stated = read_surface_points(folder / f"{stem}.label_1{suffix}")
+        name = f"{what}, label_1{suffix}"
+        all_well &= check_space(name, stated, space)
+        # Label 2 has one corner of the box for itself.
+        others = read_surface_points(folder / f"{stem}.label_2{suffix}")[0]
+        corner = farthest_corner(np.concatenate([points, others]), world)
+        if corner > TOLERANCE_MM:
+            print(f"FAILED {name}: a corner of the box is {corner} mm from any vertex")
+            all_well = False
+    return all_well
+
+
+def world_of(space, affine):
+    """From indices to a space; `affine` goes to RAS."""
+    world = np.eye(4)
+    if space == "grid":
+        # Along the voxels' own axes, from the first voxel's centre.
+        world[:3, :3] = np.diag(np.linalg.norm(affine[:3, :3], axis=0))
+    else:
+        world[:3] = (LPS if space == "LPS" else np.eye(3)) @ affine[:3]
+    return world
+
+
+def check_volume(cvmesh, itk_place, path, native, out):
+    all_well = True
+    affines = affines_of(itk_place, path)
+    for folder, space in mesh_in_spaces(cvmesh, path, native, out):
+        for program, affine, volume_tolerance in affines:
+            what = f"{path.name}, {folder.name}, by {program}"
+            all_well &= check_files(folder, path.name.split(".")[0], space,
+                                    world_of(space, affine), volume_tolerance, what)
     return all_well
 
 
 def main():
-    cvmesh, out = (pathlib.Path(word).absolute() for word in sys.argv[1:])
+    cvmesh, itk_place, out = (pathlib.Path(word).absolute() for word in sys.argv[1:])
     all_well = True
     for is_mirrored in (False, True):
         affine = np.eye(4)
@@ -246,12 +291,11 @@ def main():
         folder = out / ("mirrored" if is_mirrored else "upright")
         folder.mkdir(parents=True, exist_ok=True)
         write_nifti(folder / "nifti.nii.gz", volume(), affine)
-        # What the other program reads is the truth.
-        affine = nibabel.load(folder / "nifti.nii.gz").affine
         write_meta(folder / "meta.mha", volume(), affine)
         write_nrrd(folder / "nrrd.nrrd", volume(), affine)
         for name, native in (("nifti.nii.gz", "RAS"), ("meta.mha", "LPS"), ("nrrd.nrrd", "RAS")):
-            well = check_volume(cvmesh, folder / name, affine, native, folder / name.split(".")[0])
+            well = check_volume(cvmesh, itk_place, folder / name, native,
+                                folder / name.split(".")[0])
             print(("ok     " if well else "FAILED ") + f"{folder.name} {name}", flush=True)
             all_well &= well
     return 0 if all_well else 1

@@ -26,11 +26,12 @@ struct TetFile {
 };
 
 /// Reads the tets of a file by its suffix:
-/// - `.vtu`, VTK XML, little endian: ascii, base64 inline, appended raw or base64, zlib or not.
-///   Labels are the cell array `labels`, else `material`, `ref`, `medit:ref`, `gmsh:physical`,
-///   `gmsh:geometrical`, in this order.
+/// - `.vtu`, VTK XML, little endian: ascii, base64 inline, appended raw or base64, zlib or not. Of
+///   several pieces, points in the same place are one. Labels are the cell array `labels`, else
+///   `material`, `ref`, `medit:ref`, `gmsh:physical`, `gmsh:geometrical`, in this order.
 /// - `.mesh`, Medit ASCII: labels are the references.
-/// - `.msh`, Gmsh 2.2 and 4.1 ASCII: labels are the physical groups, else the entities' numbers.
+/// - `.msh`, Gmsh 2.2 and 4.1, text or binary (little endian): labels are the physical groups, else
+/// the entities' numbers.
 ///
 /// @throws Error BadInput naming file, line or array, and value, when the file is damaged, of
 ///         another kind, or has no tets or no labels

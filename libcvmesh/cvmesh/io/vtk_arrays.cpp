@@ -185,21 +185,24 @@ void VtkFile::refuse(const std::string& what) const {
 VtkFile::VtkFile(const std::filesystem::path& path, std::string_view text, const std::string& type)
     : path_(path), text_(text) {
   std::vector<std::string> open;
-  std::size_t at = 0, pieces = 0;
+  std::size_t at = 0;
+  bool in_piece = false;
   for (Tag tag; next_tag(text, at, tag); at = tag.end) {
     if (tag.closes) {
       if (open.empty() || open.back() != tag.name)
         refuse("is damaged: </" + tag.name.substr(0, 40) + "> does not close what is open");
+      if (tag.name == "Piece") in_piece = false;
       open.pop_back();
       continue;
     }
     if (tag.name == "VTKFile") file_ = tag.attributes;
     if (tag.name == "Piece") {
-      piece_ = tag.attributes;
-      ++pieces;
+      pieces_.push_back(tag.attributes);
+      in_piece = !tag.is_empty;
     }
     if (tag.name == "DataArray" || tag.name == "Array") {
       VtkArray array{open.empty() ? "" : open.back(), tag.attributes, {}};
+      if (in_piece) array.piece = pieces_.size() - 1;
       if (!tag.is_empty) array.text = text.substr(tag.end, text.find('<', tag.end) - tag.end);
       arrays_.push_back(std::move(array));
     }
@@ -213,7 +216,7 @@ VtkFile::VtkFile(const std::filesystem::path& path, std::string_view text, const
     if (!tag.is_empty) open.push_back(tag.name);
   }
   if (file_["type"] != type) refuse("is no VTK XML file of type " + type);
-  if (pieces != 1) refuse("has " + std::to_string(pieces) + " pieces; write it as one piece");
+  if (pieces_.empty()) refuse("has no piece");
   if (!file_["byte_order"].empty() && file_["byte_order"] != "LittleEndian")
     refuse("is stored in the byte order " + file_["byte_order"].substr(0, 20) +
            "; write it as LittleEndian");
@@ -222,9 +225,9 @@ VtkFile::VtkFile(const std::filesystem::path& path, std::string_view text, const
            "; write it with vtkZLibDataCompressor or without compression");
 }
 
-std::size_t VtkFile::piece_count(const std::string& key) const {
-  const auto found = piece_.find(key);
-  const std::string text = found == piece_.end() ? "" : found->second;
+std::size_t VtkFile::piece_count(std::size_t piece, const std::string& key) const {
+  const auto found = pieces_[piece].find(key);
+  const std::string text = found == pieces_[piece].end() ? "" : found->second;
   std::size_t value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (text.empty() || error != std::errc() || end != text.data() + text.size() ||
@@ -233,9 +236,12 @@ std::size_t VtkFile::piece_count(const std::string& key) const {
   return value;
 }
 
-const VtkArray* VtkFile::find(std::string_view section, std::string_view name) const {
+const VtkArray* VtkFile::find(std::optional<std::size_t> piece,
+                              std::string_view section,
+                              std::string_view name) const {
   for (const VtkArray& array : arrays_)
-    if (array.section == section && (name.empty() || array.name() == name)) return &array;
+    if (array.piece == piece && array.section == section && (name.empty() || array.name() == name))
+      return &array;
   return nullptr;
 }
 

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -24,32 +25,38 @@ struct VtkValues {
 struct VtkArray {
   std::string section;  ///< the element around it: Points, Cells, CellData, FieldData ...
   std::map<std::string, std::string, std::less<>> attributes;
-  std::string_view text;  ///< between its tags
+  std::string_view text;                  ///< between its tags
+  std::optional<std::size_t> piece = {};  ///< none in front of the pieces, as field data
 
   [[nodiscard]] std::string attribute(std::string_view key) const;
 
   [[nodiscard]] std::string name() const { return attribute("Name"); }
 };
 
-/// The parts of a VTK XML file: the attributes of its `<Piece>`, and its arrays, decoded on demand.
-/// Ascii, base64 inline, appended raw and appended base64; zlib or no compression; headers of 32
-/// and 64 bit; little endian.
+/// The parts of a VTK XML file: the attributes of each `<Piece>`, and its arrays, decoded on
+/// demand. Ascii, base64 inline, appended raw and appended base64; zlib or no compression; headers
+/// of 32 and 64 bit; little endian.
 ///
 /// The text must outlive this object. Sizes are checked against what the file can hold before
 /// anything is allocated.
 class VtkFile {
  public:
-  /// @throws Error BadInput when this is no VTK XML file of `type` ("UnstructuredGrid") with one
+  /// @throws Error BadInput when this is no VTK XML file of `type` ("UnstructuredGrid"), has no
   ///         piece, or is stored in a way that is not supported
   VtkFile(const std::filesystem::path& path, std::string_view text, const std::string& type);
 
-  /// A count among the attributes of the piece.
-  [[nodiscard]] std::size_t piece_count(const std::string& key) const;
+  [[nodiscard]] std::size_t pieces() const { return pieces_.size(); }
+
+  /// A count among the attributes of a piece.
+  [[nodiscard]] std::size_t piece_count(std::size_t piece, const std::string& key) const;
 
   [[nodiscard]] const std::vector<VtkArray>& arrays() const { return arrays_; }
 
-  /// The array of that name in that section; null where there is none. An empty name fits all.
-  [[nodiscard]] const VtkArray* find(std::string_view section, std::string_view name) const;
+  /// The array of that name in that section of a piece, or in front of them all; null where there
+  /// is none. An empty name fits all.
+  [[nodiscard]] const VtkArray* find(std::optional<std::size_t> piece,
+                                     std::string_view section,
+                                     std::string_view name) const;
 
   /// The values of an array. @throws Error BadInput naming the array, when there are not `count`
   [[nodiscard]] VtkValues values(const VtkArray& array, std::size_t count) const;
@@ -63,7 +70,8 @@ class VtkFile {
 
   const std::filesystem::path& path_;
   std::string_view text_, appended_;
-  std::map<std::string, std::string, std::less<>> file_, piece_;
+  std::map<std::string, std::string, std::less<>> file_;
+  std::vector<std::map<std::string, std::string, std::less<>>> pieces_;
   std::vector<VtkArray> arrays_;
   bool is_appended_base64_ = false;
 };
