@@ -26,6 +26,9 @@ for argument in "$@"; do
   esac
 done
 
+# Snakemake is left out by default for its size, 700 MB with what it draws in; where CI is set, its
+# workflow is tested, too.
+[ -z "${CI:-}" ] || scripts/install_dependencies.sh --cohort
 scripts/build.sh "$preset"
 jobs=$(nproc)
 status=0
