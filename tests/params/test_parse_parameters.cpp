@@ -285,6 +285,9 @@ TEST_CASE("parse_parameters: settings override the file", "[params][unit]") {
 
   CHECK(refusal("{}", {"epsilon"}) ==
         "parameters: --set: \"epsilon\" is not of the form key=value");
+  CHECK(refusal("{}", {"labels.2.name=kn\xF6"
+                       "chern"})
+            .find("is no UTF-8") != std::string::npos);
   CHECK(refusal("{}", {"label.2.epsilon=1"}).find("names no key") != std::string::npos);
   CHECK(refusal("{}", {"epsilon=-1"}).find("--set: epsilon (-1)") != std::string::npos);
 }

@@ -2,6 +2,7 @@
 #include "cvmesh/params/parse_parameters.h"
 
 #include "cvmesh/core/error.h"
+#include "cvmesh/core/utf8.h"
 #include "cvmesh/params/parameter_table.h"
 
 #include <nlohmann/json.hpp>
@@ -421,6 +422,10 @@ Json parse_settings(const std::vector<std::string>& settings, const std::string&
     const std::size_t equals = setting.find('=');
     if (equals == std::string::npos || equals == 0)
       refuse(source, fmt::format("\"{}\" is not of the form key=value", setting));
+    if (!is_utf8(setting))
+      refuse(source, fmt::format("{} is no UTF-8; names of labels go into files that hold nothing "
+                                 "else",
+                                 text_of(setting)));
     const std::string path = setting.substr(0, equals), text = setting.substr(equals + 1);
     Json value = Json::parse(text, nullptr, false);
     if (value.is_discarded()) value = text;
