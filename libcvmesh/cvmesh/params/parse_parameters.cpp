@@ -415,6 +415,20 @@ void refuse_two_scales(const Json& object, const std::string& source) {
   }
 }
 
+/// The value that the setting `path` goes to, in `parent`. An earlier setting may have given that
+/// something else than an object.
+Json& entry_of(Json& parent,
+               const std::string& key,
+               const std::string& path,
+               const std::string& source) {
+  if (!parent.is_object() && !parent.is_null())
+    refuse(source,
+           fmt::format("\"{}\" cannot be set in {}, which an earlier setting gave; leave out "
+                       "one of the two",
+                       path, text_of(parent)));
+  return parent[key];
+}
+
 /// The settings "a=1", "labels.2.name=bone" as one JSON object.
 Json parse_settings(const std::vector<std::string>& settings, const std::string& source) {
   Json object = Json::object();
@@ -435,13 +449,15 @@ Json parse_settings(const std::vector<std::string>& settings, const std::string&
     if (first == std::string::npos) {
       object[path] = value;
     } else if (path.substr(0, first) == kGatesKey && first == last) {
-      object[kGatesKey][path.substr(first + 1)] = value;
+      entry_of(object[kGatesKey], path.substr(first + 1), path, source) = value;
     } else {
       if (path.substr(0, first) != "labels" || first == last)
         refuse(source, fmt::format("\"{}\" names no key; nested keys are labels.<label>.<key> and "
                                    "gates.<key>",
                                    path));
-      object["labels"][path.substr(first + 1, last - first - 1)][path.substr(last + 1)] = value;
+      Json& label =
+          entry_of(object["labels"], path.substr(first + 1, last - first - 1), path, source);
+      entry_of(label, path.substr(last + 1), path, source) = value;
     }
   }
   return object;
