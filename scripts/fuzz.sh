@@ -5,7 +5,7 @@
 #
 # usage: fuzz.sh SECONDS [TARGET...]
 #   SECONDS  for each target; 0 only replays the corpora
-#   TARGET   nifti_header, meta_header, nrrd_header, parameters, ...; default: all
+#   TARGET   nifti_header, parameters, vtu_mesh, ..., as in tests/fuzz/corpus; default: all
 #
 # What a run finds interesting goes to build/fuzz/corpus/TARGET; what it finds wrong, to
 # build/fuzz/finds/TARGET, and the exit status is 1. A find that is fixed goes to
@@ -28,8 +28,10 @@ for target in "$@"; do
   if [ "$seconds" -eq 0 ]; then
     "build/fuzz/fuzz_$target" -runs=0 "tests/fuzz/corpus/$target" || status=1
   else
+    dictionary=tests/fuzz/dictionaries/$target
     "build/fuzz/fuzz_$target" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 \
       -print_final_stats=1 -artifact_prefix="build/fuzz/finds/$target/" \
+      $([ ! -f "$dictionary" ] || echo "-dict=$dictionary") \
       "build/fuzz/corpus/$target" "tests/fuzz/corpus/$target" || status=1
   fi
 done

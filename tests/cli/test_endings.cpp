@@ -169,6 +169,27 @@ TEST_CASE("cvmesh mesh: a helper that fails gives code 4 and says so in the fail
   CHECK(failure["results"]["labels"][0]["voxels_kept"] > 0);
 }
 
+TEST_CASE("cvmesh mesh: a fault that is nobody's input gives code 1 and the failure file",
+          "[cli]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(6));
+  // OpenSSL's configuration asks for a provider that is not there: no digest can be computed.
+  image_files::write_file(folder / "openssl.cnf",
+                          "openssl_conf = all\n[all]\nalg_section = algorithms\n"
+                          "[algorithms]\ndefault_properties = fips=yes\n");
+  const Outcome outcome = run_cli::cvmesh(
+      {"mesh", (folder / "a.nii").string(), "--out", (folder / "out").string(), "--quiet"},
+      {.environment = {{"OPENSSL_CONF", (folder / "openssl.cnf").string()}}});
+  INFO(outcome.err);
+  CHECK(outcome.exit_code == 1);
+  CHECK_THAT(outcome.err, Catch::Contains("SHA-256") && Catch::Contains("OPENSSL_CONF"));
+  CHECK(names_in(folder / "out") == Words{"a.failed.json"});
+  const auto failure = read_json(folder / "out/a.failed.json");
+  CHECK(failure["stage"] == "read");
+  CHECK(failure["code"] == "Internal");
+  CHECK(failure["exit_code"] == 1);
+}
+
 TEST_CASE("cvmesh mesh: limits end the run with code 7, before the work or during it", "[cli]") {
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::ball(16));

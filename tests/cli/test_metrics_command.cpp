@@ -166,6 +166,8 @@ TEST_CASE("cvmesh metrics: what cannot be judged is refused with code 3", "[cli]
   CHECK_THAT(refused("far.mesh"), Contains("--space"));
   CHECK_THAT(refused("absent.vtu"), Contains("absent.vtu"));
   CHECK_THAT(refused("balls.vtu", {"--truth", balls.path("balls.vtu")}), Contains("'.vtu'"));
+  write_text(balls.path("line.off"), "OFF\n3 1 0\n1 0 0\n2 0 0\n3 0 0\n3 0 1 2\n");
+  CHECK_THAT(refused("balls.vtu", {"--truth", balls.path("line.off")}), Contains("no area"));
   CHECK(run_cli::cvmesh({"metrics", balls.path("balls.vtu")}).exit_code == 2);
 }
 

@@ -63,6 +63,11 @@ TEST_CASE("read_label_names: what is wrong is named with its line", "[io][unit]"
              Contains("line 7") && Contains("7 words"));
   CHECK_THAT(message_of("99999999999 a 1 2 3 4\n"), Contains("no label value"));
   CHECK_THAT(message_of("# only\n"), Contains("no entry"));
+  CHECK_THAT(message_of(std::string(kSnap) + "3 0 0 0 1 1 1 \"kn\xF6"
+                                             "chern\"\n"),
+             Contains("line 6") && Contains("UTF-8"));
   const test_data::TemporaryFolder folder;
   CHECK_THROWS_AS(read_label_names(folder / "absent"), Error);
+  CHECK_THROWS_WITH(read_label_names(folder.path()), Contains("is no file"));
+  CHECK_THROWS_WITH(read_label_names("/dev/zero"), Contains("is no file"));
 }

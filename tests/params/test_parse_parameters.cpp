@@ -285,6 +285,15 @@ TEST_CASE("parse_parameters: settings override the file", "[params][unit]") {
 
   CHECK(refusal("{}", {"epsilon"}) ==
         "parameters: --set: \"epsilon\" is not of the form key=value");
+  CHECK(refusal("{}", {"labels.2.name=kn\xF6"
+                       "chern"})
+            .find("is no UTF-8") != std::string::npos);
+  for (const auto& [whole, part] : {std::pair{"labels=[3]", "labels.2.epsilon=1"},
+                                    {"labels={\"2\":5}", "labels.2.epsilon=1"},
+                                    {"gates=7", "gates.min_dihedral_deg=5"}})
+    CHECK(refusal("{}", {whole, part}) != "");
+  CHECK(refusal("{}", {"labels=[3]", "labels.2.epsilon=1"})
+            .find("\"labels.2.epsilon\" cannot be set in [3]") != std::string::npos);
   CHECK(refusal("{}", {"label.2.epsilon=1"}).find("names no key") != std::string::npos);
   CHECK(refusal("{}", {"epsilon=-1"}).find("--set: epsilon (-1)") != std::string::npos);
 }

@@ -6,10 +6,12 @@
 #include "cvmesh/pipeline/pipeline.h"
 
 #include "support/catch.h"
+#include "support/phantoms.h"
 #include "support/random_volumes.h"
 #include "support/test_data.h"
 #include "support/volume_file.h"
 #include <array>
+#include <cmath>
 #include <filesystem>
 #include <set>
 
@@ -31,6 +33,29 @@ std::set<Label> labels_above_zero(const InputVolume& volume) {
   std::set<Label> labels(volume.values.begin(), volume.values.end());
   labels.erase(0);
   return labels;
+}
+
+/// What the report of a run that ended well must say of a mesh of this volume.
+void check_is_whole(const Report& report, const InputVolume& volume) {
+  REQUIRE(report.checks);
+  CHECK(report.checks->labels_are_complete);
+  CHECK(report.checks->topology_as_lattice14);
+  CHECK(report.checks->surface_is_valid);
+  CHECK(report.checks->surface_intersections == 0);
+  CHECK(report.checks->tets_are_valid == true);
+  const std::set<Label> meshed(report.label_of.begin() + 1, report.label_of.end());
+  CHECK(meshed == labels_above_zero(volume));
+  for (std::size_t m = 1; m < report.label_of.size(); ++m)
+    CHECK(report.mesh->tets_of[m] > 0);
+}
+
+/// Single voxels of two labels in turn, an even number along each axis.
+InputVolume checkerboard(int side, Label even, Label odd) {
+  return phantoms::sample(phantoms::centred_frame({side, side, side}), [=](const Vec3& centre) {
+    const double sum =
+        std::floor(centre.x) + std::floor(centre.y) + std::floor(centre.z);  // centres on halves
+    return std::fmod(sum, 2) == 0 ? even : odd;
+  });
 }
 
 }  // namespace
@@ -76,16 +101,18 @@ TEST_CASE("run_pipeline: random volumes end valid with every label, or are refus
       ++refused;
       continue;
     }
-    REQUIRE(report.checks);
-    CHECK(report.checks->labels_are_complete);
-    CHECK(report.checks->topology_as_lattice14);
-    CHECK(report.checks->surface_is_valid);
-    CHECK(report.checks->surface_intersections == 0);
-    CHECK(report.checks->tets_are_valid == true);
-    const std::set<Label> meshed(report.label_of.begin() + 1, report.label_of.end());
-    CHECK(meshed == labels_above_zero(random.volume));
-    for (std::size_t m = 1; m < report.label_of.size(); ++m)
-      CHECK(report.mesh->tets_of[m] > 0);
+    check_is_whole(report, random.volume);
   }
   CHECK(refused <= kMostRefused);
+}
+
+TEST_CASE("run_pipeline: checkerboards of single voxels, with and without background, end valid",
+          "[pipeline][slow]") {
+  for (const Label even : {0, 1}) {
+    const InputVolume volume = checkerboard(10, even, 2);
+    const test_data::TemporaryFolder folder;
+    CAPTURE(even);
+    const RunResult result = run_pipeline(request_for(folder, volume), silent_context());
+    check_is_whole(result.report, volume);
+  }
 }

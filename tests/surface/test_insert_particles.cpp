@@ -5,6 +5,7 @@
 
 #include "support/catch.h"
 #include "support/phantoms.h"
+#include "support/random_volumes.h"
 #include "surface/dense_phantoms.h"
 #include <algorithm>
 #include <set>
@@ -54,6 +55,23 @@ ParticleSet particles_on(const DensePhantom& dense, double share) {
     set.particles.push_back(p);
   }
   return set;
+}
+
+// The least cosine between the normals of two facets that share an edge inside a patch.
+double sharpest_fold(const MaterialSurfaces& surfaces) {
+  const auto normal_of = [&](std::int32_t f) {
+    const auto& [a, b, c] = surfaces.facets()[f].vertices;
+    const auto& points = surfaces.points();
+    return normalized(area_vector2(points[a], points[b], points[c]));
+  };
+  double least = 1;
+  for (const auto& facet : surfaces.facets())
+    for (std::size_t c = 0; facet.is_alive && c < 3; ++c) {
+      std::int32_t first = -1, second = -1;
+      if (surfaces.facets_of_edge(facet.vertices[c], facet.vertices[(c + 1) % 3], first, second))
+        least = std::min(least, dot(normal_of(first), normal_of(second)));
+    }
+  return least;
 }
 
 }  // namespace
@@ -135,4 +153,21 @@ TEST_CASE(
           std::min(dense_shortest, distance(points[static_cast<std::size_t>(f[k])],
                                             points[static_cast<std::size_t>(f[(k + 1) % 3])]));
   CHECK(shortest >= std::min(dense_shortest, 0.01 * dense.voxel_mm));
+}
+
+TEST_CASE("insert_particles: moves that add up fold no facets onto each other",
+          "[surface][property]") {
+  constexpr double kTenDegrees = -0.985;
+  // Thin parts, and a particle in every facet: all corners of many facets move.
+  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    const DensePhantom dense = dense_phantoms::make(
+        random_volumes::make(seed, random_volumes::Kind::Shells, {12, 10, 8}, 5).volume);
+    const MaterialSurfaces before(dense.mesh, dense.material_count);
+    const InsertParticlesResult result =
+        insert_particles(MaterialSurfaces(dense.mesh, dense.material_count), dense.strata,
+                         particles_on(dense, 1), dense.voxel_mm, silent_context());
+    CAPTURE(seed);
+    CHECK(result.surfaces.validate().is_valid());
+    CHECK(sharpest_fold(result.surfaces) >= std::min(sharpest_fold(before), kTenDegrees));
+  }
 }

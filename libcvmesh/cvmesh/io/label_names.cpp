@@ -2,12 +2,14 @@
 #include "cvmesh/io/label_names.h"
 
 #include "cvmesh/core/error.h"
+#include "cvmesh/core/utf8.h"
 #include "cvmesh/io/output_tables.h"
 #include "cvmesh/io/volume_header.h"
 
 #include <charconv>
 #include <fstream>
 #include <string_view>
+#include <system_error>
 #include <vector>
 
 namespace cvmesh {
@@ -77,6 +79,9 @@ std::pair<Label, std::string> read_slicer_entry(const Place& place, std::string_
 }  // namespace
 
 std::map<Label, std::string> read_label_names(const std::filesystem::path& path) {
+  std::error_code ignored;
+  require(std::filesystem::is_regular_file(path, ignored), ErrorCode::BadParameter, "label names",
+          "'" + path.string() + "' is no file; check the path");
   std::ifstream stream(path);
   require(stream.good(), ErrorCode::BadParameter, "label names",
           "'" + path.string() + "' cannot be read; check the path");
@@ -87,6 +92,8 @@ std::map<Label, std::string> read_label_names(const std::filesystem::path& path)
     const std::string_view line = detail::trimmed(text);
     if (line.empty() || line[0] == '#') continue;
     const Place place{path, number};
+    // Other encodings would make files that no XML reader takes.
+    if (!is_utf8(line)) refuse(place, "the name is no UTF-8; save the file as UTF-8");
     if (names.empty()) is_snap = line.find('"') != std::string_view::npos;
     auto [label, name] = is_snap ? read_snap_entry(place, line) : read_slicer_entry(place, line);
     name = one_line(name);
@@ -95,6 +102,8 @@ std::map<Label, std::string> read_label_names(const std::filesystem::path& path)
     if (!names.emplace(label, name).second)
       refuse(place, "label " + std::to_string(label) + " was named before; keep one of the two");
   }
+  require(!stream.bad(), ErrorCode::BadParameter, "label names",
+          "'" + path.string() + "' cannot be read to its end; copy it again");
   require(!names.empty(), ErrorCode::BadParameter, "label names",
           "'" + path.string() + "' has no entry; " + kForms);
   return names;

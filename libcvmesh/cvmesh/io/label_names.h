@@ -17,7 +17,7 @@ namespace cvmesh {
 ///
 /// Lines that are blank or begin with # are no entries.
 /// @throws Error BadParameter naming file and line: entries of another form, an index that is no
-///         label value or was there before, an empty file
+///         label value or was there before, text that is no UTF-8, an empty file, no regular file
 std::map<Label, std::string> read_label_names(const std::filesystem::path& path);
 
 }  // namespace cvmesh

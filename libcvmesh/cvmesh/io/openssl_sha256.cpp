@@ -24,7 +24,8 @@ struct Sha256::State {
 namespace {
 
 void check(int rc) {
-  require(rc == 1, ErrorCode::Internal, "read", "OpenSSL cannot compute a SHA-256 digest");
+  require(rc == 1, ErrorCode::Internal, "read",
+          "OpenSSL cannot compute a SHA-256 digest; look at its configuration (OPENSSL_CONF)");
 }
 
 }  // namespace

@@ -76,6 +76,12 @@ void check_options(const SurfaceFidelityOptions& options) {
           "max_error_vox (" + std::to_string(options.max_error_vox) + ") must be at least 0.0001");
 }
 
+bool has_area(const InterfaceMesh& surface) {
+  return std::any_of(surface.facets.begin(), surface.facets.end(), [&](const auto& f) {
+    return norm(area_vector2(surface.points[f[0]], surface.points[f[1]], surface.points[f[2]])) > 0;
+  });
+}
+
 // Facets are cut into pieces along their sides, so that long thin ones count by their length.
 void check_extent(const InterfaceMesh& surface, const Vec3& spacing) {
   const double extent = deterministic_reduce(
@@ -184,6 +190,8 @@ SurfaceFidelity measure_surface_fidelity(const InterfaceMesh& surface,
   report_progress(context, kStage, 0.75);  // the other metrics were the first half
   result.to_labels = measure_distances(surface, labels.ids, labels.material_count(), options);
   if (truth != nullptr) {
+    require(has_area(*truth), ErrorCode::BadInput, kStage,
+            "the true surface has no area: each of its facets is a line or a point");
     result.to_truth =
         measure_distances(surface, *truth, labels.frame(), labels.material_count(), options);
     result.to_truth->of_material.clear();  // the truth does not say whose boundary it is

@@ -2,6 +2,7 @@
 #include "cvmesh/params/parse_parameters.h"
 
 #include "cvmesh/core/error.h"
+#include "cvmesh/core/utf8.h"
 #include "cvmesh/params/parameter_table.h"
 
 #include <nlohmann/json.hpp>
@@ -414,6 +415,20 @@ void refuse_two_scales(const Json& object, const std::string& source) {
   }
 }
 
+/// The value that the setting `path` goes to, in `parent`. An earlier setting may have given that
+/// something else than an object.
+Json& entry_of(Json& parent,
+               const std::string& key,
+               const std::string& path,
+               const std::string& source) {
+  if (!parent.is_object() && !parent.is_null())
+    refuse(source,
+           fmt::format("\"{}\" cannot be set in {}, which an earlier setting gave; leave out "
+                       "one of the two",
+                       path, text_of(parent)));
+  return parent[key];
+}
+
 /// The settings "a=1", "labels.2.name=bone" as one JSON object.
 Json parse_settings(const std::vector<std::string>& settings, const std::string& source) {
   Json object = Json::object();
@@ -421,6 +436,10 @@ Json parse_settings(const std::vector<std::string>& settings, const std::string&
     const std::size_t equals = setting.find('=');
     if (equals == std::string::npos || equals == 0)
       refuse(source, fmt::format("\"{}\" is not of the form key=value", setting));
+    if (!is_utf8(setting))
+      refuse(source, fmt::format("{} is no UTF-8; names of labels go into files that hold nothing "
+                                 "else",
+                                 text_of(setting)));
     const std::string path = setting.substr(0, equals), text = setting.substr(equals + 1);
     Json value = Json::parse(text, nullptr, false);
     if (value.is_discarded()) value = text;
@@ -430,13 +449,15 @@ Json parse_settings(const std::vector<std::string>& settings, const std::string&
     if (first == std::string::npos) {
       object[path] = value;
     } else if (path.substr(0, first) == kGatesKey && first == last) {
-      object[kGatesKey][path.substr(first + 1)] = value;
+      entry_of(object[kGatesKey], path.substr(first + 1), path, source) = value;
     } else {
       if (path.substr(0, first) != "labels" || first == last)
         refuse(source, fmt::format("\"{}\" names no key; nested keys are labels.<label>.<key> and "
                                    "gates.<key>",
                                    path));
-      object["labels"][path.substr(first + 1, last - first - 1)][path.substr(last + 1)] = value;
+      Json& label =
+          entry_of(object["labels"], path.substr(first + 1, last - first - 1), path, source);
+      entry_of(label, path.substr(last + 1), path, source) = value;
     }
   }
   return object;

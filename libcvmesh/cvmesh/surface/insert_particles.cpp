@@ -18,6 +18,10 @@ namespace {
 // A moved vertex may not turn a facet by more than this, nor flatten it below this quality.
 constexpr double kMinTurnCosine = 0.3;
 constexpr double kMinMovedQuality = 0.002;
+// Nor fold two facets of a patch more sharply (10 degrees, as the last pass of decimation). Turns
+// add up where all corners of a facet move: without this bound facets came to lie on each other to
+// the last bit, and neither decimation nor flips unfold what only has particles for corners.
+constexpr double kMinFoldCosine = -0.985;
 // A particle takes over a free dense vertex within this part of the facet's or edge's size;
 // otherwise it gets a vertex of its own.
 constexpr double kSnapShare = 0.5;
@@ -113,10 +117,12 @@ class Inserter {
       }
     guard_.begin(box, star_, ring_);
     if (!keeps_shape(vertex, position)) return false;
+    const double fold_before = sharpest_fold();
     for (const auto f : star_)
       index_.remove(f);
     surfaces_.move_vertex(vertex, position);
-    bool is_good = true;
+    // what the dense surface folds more sharply may stay so
+    bool is_good = sharpest_fold() >= std::min(fold_before, kMinFoldCosine);
     for (std::size_t a = 0; a < star_.size() && is_good; ++a) {
       const auto& t = surfaces_.facets()[star_[a]].vertices;
       is_good = !guard_.intersects_nearby(t) && !guard_.sweeps_over_vertex(old, t);
@@ -127,6 +133,25 @@ class Inserter {
     for (const auto f : star_)
       insert_facet(surfaces_, f, index_);
     return is_good;
+  }
+
+  /// The least cosine between the normals of a facet of the star and its neighbours in the patch.
+  [[nodiscard]] double sharpest_fold() const {
+    const auto normal_of = [&](std::int32_t f) {
+      const auto& points = surfaces_.points();
+      const auto& [a, b, c] = surfaces_.facets()[f].vertices;
+      return normalized(area_vector2(points[a], points[b], points[c]));
+    };
+    double least = 1;
+    for (const auto f : star_) {
+      const auto& corners = surfaces_.facets()[f].vertices;
+      for (std::size_t c = 0; c < 3; ++c) {
+        std::int32_t first = -1, second = -1;
+        if (surfaces_.facets_of_edge(corners[c], corners[(c + 1) % 3], first, second))
+          least = std::min(least, dot(normal_of(first), normal_of(second)));
+      }
+    }
+    return least;
   }
 
   [[nodiscard]] bool keeps_shape(std::int32_t vertex, const Vec3& position) const {
