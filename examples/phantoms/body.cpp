@@ -4,6 +4,7 @@
 
 #include "phantoms/absorb_crumbs.h"
 #include "phantoms/implicit.h"
+#include "phantoms/miniature_frame.h"
 #include "phantoms/phantoms.h"
 #include <algorithm>
 #include <array>
@@ -183,17 +184,10 @@ class Body {
 InputVolume body(double size) {
   require(size >= kMinBodySize && size <= 1, ErrorCode::BadParameter, "body",
           "size (" + std::to_string(size) + ") is outside 0.25 to 1; choose one in between");
-  GridFrame frame;
-  frame.spacing_mm = kSpacing;
-  frame.space = Space::Ras;
+  const GridFrame frame = miniature_frame(kFullDims, kSpacing, size);
   Vec3 step;  // one voxel, in mm at full size
-  for (int axis = 0; axis < 3; ++axis) {
-    frame.dims[axis] = static_cast<int>(std::lround(kFullDims[axis] * size));
-    frame.index_to_world.rows[axis] = Vec3{};
-    frame.index_to_world.rows[axis][axis] = kSpacing[axis];
-    frame.index_to_world.offset[axis] = -0.5 * (frame.dims[axis] - 1) * kSpacing[axis];
+  for (int axis = 0; axis < 3; ++axis)
     step[axis] = kFullDims[axis] * kSpacing[axis] / frame.dims[axis];
-  }
   const Body anatomy(size);
   InputVolume volume(frame);
   const auto [nx, ny, nz] = frame.dims;

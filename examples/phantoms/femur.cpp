@@ -3,6 +3,7 @@
 
 #include "phantoms/absorb_crumbs.h"
 #include "phantoms/implicit.h"
+#include "phantoms/miniature_frame.h"
 #include "phantoms/phantoms.h"
 #include <algorithm>
 #include <array>
@@ -154,17 +155,10 @@ class Femur {
 InputVolume femur(double size) {
   require(size >= kMinFemurSize && size <= kMaxFemurSize, ErrorCode::BadParameter, "femur",
           "size (" + std::to_string(size) + ") is outside 0.24 to 2; choose one in between");
-  GridFrame frame;
-  frame.spacing_mm = kSpacing;
-  frame.space = Space::Ras;
+  const GridFrame frame = miniature_frame(kFullDims, kSpacing, size);
   Vec3 step;  // one voxel, in mm at full size
-  for (int axis = 0; axis < 3; ++axis) {
-    frame.dims[axis] = static_cast<int>(std::lround(kFullDims[axis] * size));
-    frame.index_to_world.rows[axis] = Vec3{};
-    frame.index_to_world.rows[axis][axis] = kSpacing[axis];
-    frame.index_to_world.offset[axis] = -0.5 * (frame.dims[axis] - 1) * kSpacing[axis];
+  for (int axis = 0; axis < 3; ++axis)
     step[axis] = kBox[axis] / frame.dims[axis];
-  }
   const Femur anatomy(size);
   const auto centre = [&](double i, double j, double k) {
     return scaled_by({i + 0.5, j + 0.5, k + 0.5}, step);

@@ -118,7 +118,7 @@ Medit read_medit(const std::filesystem::path& path) {
   return mesh;
 }
 
-// A VTK XML file with appended raw data: its arrays as bytes, by name, and its XML part.
+// A VTK XML file with arrays in base64: these as bytes, by name, and its text.
 struct VtkFile {
   std::string xml;
   std::map<std::string, std::string> arrays;
@@ -152,24 +152,50 @@ struct VtkFile {
   }
 };
 
+// One run of base64 with padding, as VTK wants it.
+std::string decode_base64(const std::string& text) {
+  const std::string digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  REQUIRE(text.size() % 4 == 0);
+  std::string bytes;
+  for (std::size_t i = 0; i < text.size(); i += 4) {
+    std::uint32_t group = 0;
+    std::size_t padding = 0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const std::size_t digit = digits.find(text[i + k]);
+      if (digit == std::string::npos) {
+        REQUIRE(text[i + k] == '=');
+        REQUIRE(i + 4 == text.size());
+        ++padding;
+      }
+      group = group << 6 | (digit == std::string::npos ? 0U : static_cast<std::uint32_t>(digit));
+    }
+    for (std::size_t k = 0; k + padding < 3; ++k)
+      bytes += static_cast<char>(group >> (16 - 8 * k) & 255);
+  }
+  return bytes;
+}
+
 VtkFile read_vtk(const std::filesystem::path& path) {
   VtkFile file;
-  const std::string bytes = read_file(path);
-  const std::size_t data = bytes.find('_', bytes.find("<AppendedData encoding=\"raw\">")) + 1;
-  file.xml = bytes.substr(0, data);
+  file.xml = read_file(path);
   CHECK(file.xml.find("byte_order=\"LittleEndian\" header_type=\"UInt64\"") != std::string::npos);
-  const std::regex pattern("<DataArray type=\"(\\w+)\" Name=\"([^\"]*)\"[^>]*offset=\"(\\d+)\"/>");
-  std::size_t end = data;
-  for (std::sregex_iterator i(file.xml.begin(), file.xml.end(), pattern), last; i != last; ++i) {
-    const std::size_t offset = data + std::stoul((*i)[3]);
-    CHECK(offset == end);  // blocks follow each other without gaps
+  CHECK(file.xml.find("AppendedData") == std::string::npos);
+  const std::string kForm = " format=\"binary\">";
+  for (std::size_t at = file.xml.find(kForm); at != std::string::npos;
+       at = file.xml.find(kForm, at + 1)) {
+    const std::string tag = file.xml.substr(file.xml.rfind('<', at), at - file.xml.rfind('<', at));
+    std::smatch match;
+    REQUIRE(std::regex_search(tag, match, std::regex("Name=\"([^\"]*)\"")));
+    const std::size_t begin = at + kForm.size();
+    const std::string bytes =
+        decode_base64(file.xml.substr(begin, file.xml.find('<', begin) - begin));
     std::uint64_t size = 0;
-    std::memcpy(&size, bytes.data() + offset, sizeof size);
-    end = offset + sizeof size + size;
-    file.arrays[(*i)[2]] = bytes.substr(offset + sizeof size, size);
-    file.order.push_back((*i)[2]);
+    REQUIRE(bytes.size() >= sizeof size);
+    std::memcpy(&size, bytes.data(), sizeof size);
+    CHECK(bytes.size() == sizeof size + size);
+    file.arrays[match[1]] = bytes.substr(sizeof size);
+    file.order.push_back(match[1]);
   }
-  CHECK(bytes.substr(end) == "\n  </AppendedData>\n</VTKFile>\n");
   return file;
 }
 

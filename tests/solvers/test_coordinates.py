@@ -10,6 +10,7 @@ ones among them, as NIfTI, MetaImage and NRRD. A test (label "slow").
 Exits with 77 (skipped) where meshio or nibabel is not installed.
 """
 
+import base64
 import itertools
 import pathlib
 import re
@@ -165,15 +166,13 @@ READERS = {".vtu": read_vtu, ".mesh": read_medit, ".inp": read_inp, ".msh": read
 
 
 def read_vtp_points(path):
-    """The appended array "Points" of one of our files."""
-    raw = path.read_bytes()
-    head, data = raw.split(b'<AppendedData encoding="raw">', 1)
-    data = data[data.index(b"_") + 1:]
-    offset = int(re.search(rb'Name="Points"[^>]*offset="(\d+)"', head).group(1))
-    size = int.from_bytes(data[offset:offset + 8], "little")
+    """The array "Points" of one of our files."""
+    head = path.read_bytes()
+    data = base64.b64decode(re.search(rb'Name="Points"[^>]*format="binary">([^<]*)<', head).group(1))
+    assert int.from_bytes(data[:8], "little") == len(data) - 8
     codes = re.search(rb'Name="SPACE"[^>]*>([^<]*)<', head).group(1).split()
     space = bytes(int(code) for code in codes if int(code)).decode()
-    return np.frombuffer(data[offset + 8:offset + 8 + size]).reshape(-1, 3), space
+    return np.frombuffer(data[8:]).reshape(-1, 3), space
 
 
 def read_surface_points(path):

@@ -13,6 +13,7 @@ import json
 import pathlib
 import subprocess
 import sys
+import xml.etree.ElementTree
 
 SKIPPED = 77
 try:
@@ -25,7 +26,7 @@ try:
     from vtkmodules.vtkFiltersVerdict import vtkMeshQuality
     from vtkmodules.vtkIOGeometry import vtkSTLReader
     from vtkmodules.vtkIOPLY import vtkPLYReader
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLReader, vtkXMLUnstructuredGridReader
 except ImportError as missing:
     print(f"skipped: {missing}")
     sys.exit(SKIPPED)
@@ -89,6 +90,10 @@ def make_mesh(cvmesh, out, name, settings, options):
 # ---- what VTK says --------------------------------------------------------------------------------
 
 def read(reader, path):
+    if isinstance(reader, vtkXMLReader):
+        # Raw data at the end of a file are no XML. Whether VTK finds them depends on its expat; so
+        # this must hold where VTK would not mind, too.
+        xml.etree.ElementTree.parse(path)
     reader.SetFileName(str(path))
     reader.Update()
     return reader.GetOutput()

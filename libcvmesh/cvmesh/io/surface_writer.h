@@ -29,7 +29,7 @@ struct PointArrays {
   std::vector<Integers> integers;
 };
 
-/// Writes the interfaces as VTK XML poly data: appended raw binary, Float64 points.
+/// Writes the interfaces as VTK XML poly data: arrays in base64, Float64 points.
 ///
 /// Cell arrays, Int32: `inside_label`, `outside_label` (the exterior is `exterior_label`: 0, or
 /// the largest negative number that is no label where label 0 is meshed) and `interface`, the

@@ -9,7 +9,7 @@
 
 namespace cvmesh {
 
-/// Writes the tets as a VTK XML unstructured grid: appended raw binary, Float64 points.
+/// Writes the tets as a VTK XML unstructured grid: arrays in base64, Float64 points.
 ///
 /// Cell array `labels` (Int32, the scalars) holds the user's label of each tet. Field data: `SPACE`
 /// (string), `label_values`, `label_names`, `exterior_label`. A mirroring map swaps two vertices

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/io/vtk_xml.h"
 
+#include "cvmesh/core/base64.h"
 #include "cvmesh/io/output_tables.h"
 
 #include <algorithm>
 #include <bit>
+#include <utility>
 
 namespace cvmesh::detail {
 namespace {
@@ -20,7 +22,7 @@ std::size_t bytes_of(const std::string& type) {
 
 template <typename T>
 VtkXml::Writer produced(std::size_t count, const std::function<T(std::size_t)>& at) {
-  return [count, at](AtomicFile& file) {
+  return [count, at](Base64Array& out) {
     std::vector<T> block;
     block.reserve(std::min(count, kBlock));
     for (std::size_t begin = 0; begin < count; begin += kBlock) {
@@ -28,7 +30,7 @@ VtkXml::Writer produced(std::size_t count, const std::function<T(std::size_t)>& 
       block.clear();
       for (std::size_t i = begin; i < end; ++i)
         block.push_back(at(i));
-      file.write_values(std::span<const T>(block));
+      out.write_values(std::span<const T>(block));
     }
   };
 }
@@ -56,6 +58,36 @@ std::string escape_xml(const std::string& text) {
     }
   }
   return result;
+}
+
+Base64Array::Base64Array(AtomicFile& file, std::uint64_t bytes) : file_(file) {
+  write_values(std::span<const std::uint64_t>(&bytes, 1));
+}
+
+void Base64Array::write(std::string_view bytes) {
+  constexpr std::size_t kPart = 3 * kBlock;
+  while (rest_.size() + bytes.size() >= 3) {
+    // What was left over comes first, then whole groups straight from the values.
+    if (!rest_.empty()) {
+      const std::size_t missing = 3 - rest_.size();
+      rest_ += bytes.substr(0, missing);
+      bytes.remove_prefix(missing);
+      end();
+      continue;
+    }
+    const std::size_t whole = std::min(bytes.size() / 3 * 3, kPart);
+    std::string text;
+    append_base64(bytes.substr(0, whole), text);
+    file_.write(text);
+    bytes.remove_prefix(whole);
+  }
+  rest_ += bytes;
+}
+
+void Base64Array::end() {
+  std::string text;
+  append_base64(std::exchange(rest_, ""), text);
+  file_.write(text);
 }
 
 VtkXml::VtkXml(const std::string& type) : type_(type) {}
@@ -129,10 +161,9 @@ void VtkXml::add_array(const std::string& type,
                        Writer write) {
   piece_ += "        <DataArray type=\"" + type + "\" Name=\"" + escape_xml(name) + "\"";
   if (components > 1) piece_ += " NumberOfComponents=\"" + std::to_string(components) + "\"";
-  piece_ += " format=\"appended\" offset=\"" + std::to_string(offset_) + "\"/>\n";
+  piece_ += " format=\"binary\">";
   const std::uint64_t bytes = std::uint64_t{count} * components * bytes_of(type);
-  blocks_.push_back({bytes, std::move(write)});
-  offset_ += sizeof(std::uint64_t) + bytes;
+  arrays_.push_back({std::exchange(piece_, "</DataArray>\n"), bytes, std::move(write)});
 }
 
 void VtkXml::add_int32(const std::string& name,
@@ -163,13 +194,14 @@ void VtkXml::write(const std::filesystem::path& path) {
   AtomicFile file(path);
   file.write("<?xml version=\"1.0\"?>\n<VTKFile type=\"" + type_ +
              "\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n  <" + type_ +
-             ">\n    <FieldData>\n" + fields_ + "    </FieldData>\n" + piece_ +
-             "    </Piece>\n  </" + type_ + ">\n  <AppendedData encoding=\"raw\">\n   _");
-  for (const Block& block : blocks_) {
-    file.write_values(std::span<const std::uint64_t>(&block.bytes, 1));
-    block.write(file);
+             ">\n    <FieldData>\n" + fields_ + "    </FieldData>\n");
+  for (const Array& array : arrays_) {
+    file.write(array.before);
+    Base64Array values(file, array.bytes);
+    array.write(values);
+    values.end();
   }
-  file.write("\n  </AppendedData>\n</VTKFile>\n");
+  file.write(piece_ + "    </Piece>\n  </" + type_ + ">\n</VTKFile>\n");
   file.commit();
 }
 

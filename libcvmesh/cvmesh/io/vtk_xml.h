@@ -12,14 +12,42 @@
 #include <functional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
-// VTK's XML format (version 1.0) with appended raw data, little endian, UInt64 block headers.
+// VTK's XML format (version 1.0), arrays in base64 where they belong ("binary"), little endian,
+// UInt64 headers. Not as raw data at the end of the file, which is no XML: VTK finds these by being
+// told of a tag before the next byte is looked at, and with the expat of Debian 12.9 and later (2.6
+// elsewhere), which may wait for more, no reader of VTK or ParaView opens such a file.
 // Private to io.
 namespace cvmesh::detail {
 
-/// The XML part is built first, with the offset of every array; the arrays follow in that order,
-/// each one written straight from where it lies (or is produced block by block).
+/// Takes the values of an array, a part at a time, and puts them into a file as base64.
+class Base64Array {
+ public:
+  /// @param bytes  of all values, which the array states at its beginning
+  Base64Array(AtomicFile& file, std::uint64_t bytes);
+  ~Base64Array() = default;
+  Base64Array(const Base64Array&) = delete;
+  Base64Array& operator=(const Base64Array&) = delete;
+
+  /// The values as they lie in memory.
+  template <typename T>
+  void write_values(std::span<const T> values) {
+    write({reinterpret_cast<const char*>(values.data()), values.size_bytes()});
+  }
+
+  void end();
+
+ private:
+  void write(std::string_view bytes);
+
+  AtomicFile& file_;
+  std::string rest_;  // fewer than three bytes that wait for the next part
+};
+
+/// The text around the arrays is built first; the arrays are written straight from where they lie
+/// (or are produced block by block).
 class VtkXml {
  public:
   /// `type` is "UnstructuredGrid" or "PolyData".
@@ -39,8 +67,8 @@ class VtkXml {
   void begin_section(const std::string& name, const std::string& attributes = "");
   void end_section();
 
-  using Writer = std::function<void(AtomicFile&)>;
-  /// An array of `count` values of `bytes` bytes, which `write` puts out.
+  using Writer = std::function<void(Base64Array&)>;
+  /// An array of `count` values of `components` numbers, which `write` puts out.
   void add_array(const std::string& type,
                  const std::string& name,
                  std::size_t components,
@@ -50,7 +78,7 @@ class VtkXml {
   template <typename T>
   void add_values(const std::string& name, std::span<const T> values) {
     add_array(type_name(T{}), name, 1, values.size(),
-              [values](AtomicFile& file) { file.write_values(values); });
+              [values](Base64Array& out) { out.write_values(values); });
   }
 
   /// An array of integers, `at(i)` for i < count, one component.
@@ -73,14 +101,15 @@ class VtkXml {
 
   static const char* type_name(std::uint8_t) { return "UInt8"; }
 
-  struct Block {
+  struct Array {
+    std::string before;  // text up to the values
     std::uint64_t bytes;
     Writer write;
   };
 
-  std::string type_, fields_, piece_, section_;
-  std::vector<Block> blocks_;
-  std::uint64_t offset_ = 0;
+  std::string type_, fields_, section_;
+  std::vector<Array> arrays_;
+  std::string piece_;  // text since the last array
 };
 
 /// `text` for an XML attribute.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/report/html_mesh.h"
 
+#include "cvmesh/core/base64.h"
 #include "cvmesh/core/box3.h"
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
@@ -35,21 +36,6 @@ std::string deflate_bytes(const std::string& bytes) {
   require(code == Z_OK, ErrorCode::Limit, "report", "zlib is out of memory");
   result.resize(size);
   return result;
-}
-
-std::string base64_of(const std::string& bytes) {
-  constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string text;
-  text.reserve((bytes.size() + 2) / 3 * 4);
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::size_t count = std::min<std::size_t>(3, bytes.size() - i);
-    std::uint32_t group = 0;
-    for (std::size_t k = 0; k < 3; ++k)
-      group = group << 8 | (k < count ? static_cast<std::uint8_t>(bytes[i + k]) : 0U);
-    for (std::size_t k = 0; k < 4; ++k)
-      text += k <= count ? kDigits[group >> (18 - 6 * k) & 63] : '=';
-  }
-  return text;
 }
 
 void pack_points(const TetMesh& mesh, const Affine& mm_to_out, HtmlMesh& result) {
@@ -129,7 +115,9 @@ nlohmann::ordered_json PackedArrays::directory() const {
 }
 
 std::string PackedArrays::base64() const {
-  return base64_of(deflate_bytes(bytes_));
+  std::string text;
+  append_base64(deflate_bytes(bytes_), text);
+  return text;
 }
 
 HtmlMesh pack_html_mesh(const TetMesh& mesh,
