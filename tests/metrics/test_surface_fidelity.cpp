@@ -347,6 +347,18 @@ TEST_CASE("measure_distances: a surface far larger than any volume is refused", 
                   Error);
 }
 
+TEST_CASE("measure_distances: a surface far away from any volume is refused", "[metrics][unit]") {
+  for (const double away : {1e15, 1e25, 1e200, std::nan("")}) {
+    CAPTURE(away);
+    const InterfaceMesh far = simple_meshes::square(1, away), near = simple_meshes::square(1, 0);
+    CHECK_THROWS_AS(measure_distances(far, near, frame_of({1, 1, 1}), 2, {}), Error);
+    CHECK_THROWS_AS(measure_distances(near, far, frame_of({1, 1, 1}), 2, {}), Error);
+  }
+  const auto d = measure_distances(simple_meshes::square(1, 1e7), simple_meshes::square(1, 0),
+                                   frame_of({1, 1, 1}), 2, {});
+  CHECK(d.overall.voxels.hausdorff_lower_bound() == Approx(1e7));
+}
+
 TEST_CASE("measure_distances: a density of zero is refused", "[metrics][unit]") {
   SurfaceFidelityOptions options;
   options.samples_per_square_voxel = 0;

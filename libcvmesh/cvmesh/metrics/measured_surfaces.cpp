@@ -23,14 +23,6 @@ Vec3 FlatPiece::centre() const {
   return sum / corners;
 }
 
-double FlatPiece::radius() const {
-  const Vec3 middle = centre();
-  double squared = 0;
-  for (int k = 0; k < corners; ++k)
-    squared = std::max(squared, squared_norm(corner[k] - middle));
-  return std::sqrt(squared);
-}
-
 double FlatPiece::area() const {
   const double triangle = norm(area_vector2(corner[0], corner[1], corner[2])) / 2;
   return corners == 3 ? triangle : 2 * triangle;

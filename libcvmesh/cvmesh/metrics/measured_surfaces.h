@@ -20,8 +20,6 @@ struct FlatPiece {
   int corners = 3;
 
   [[nodiscard]] Vec3 centre() const;
-  /// Radius of the ball around the centre that holds the piece.
-  [[nodiscard]] double radius() const;
   [[nodiscard]] double area() const;
   /// The point at (u, v) of the unit square, which fills the piece evenly.
   [[nodiscard]] Vec3 point(double u, double v) const;

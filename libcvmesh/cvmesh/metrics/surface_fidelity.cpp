@@ -19,6 +19,8 @@ constexpr double kSameSpacing = 1e-6;
 // A surface of more square voxels than this has nothing to do with the volume: the boundary of the
 // largest volumes that fit into memory has 1e8.
 constexpr double kMostSquareVoxels = 1e9;
+// Nor has one that is farther away than this; the search tree computes in floats.
+constexpr double kMostVoxels = 1e9;
 
 struct BothDirections {
   DirectedDistances forward, back;
@@ -97,6 +99,13 @@ void check_extent(const InterfaceMesh& surface, const Vec3& spacing) {
   require(extent <= kMostSquareVoxels, ErrorCode::BadInput, kStage,
           "the surface extends over " + std::to_string(extent) +
               " square voxels, too many to be measured (1e9); is it in the volume's coordinates?");
+  for (const Vec3& p : surface.points) {
+    const double away = norm(divided_by(p, spacing));
+    require(away <= kMostVoxels, ErrorCode::BadInput, kStage,
+            "the surface has a point " + std::to_string(away) +
+                " voxels from the volume, too far to be measured (1e9); is it in the volume's "
+                "coordinates?");
+  }
 }
 
 // Measures in index space and, where the voxels are not cubes, once more in mm.
