@@ -17,9 +17,9 @@
 
 // VTK's XML format (version 1.0), arrays in base64 where they belong ("binary"), little endian,
 // UInt64 headers. Not as raw data at the end of the file, which is no XML: VTK finds these by being
-// told of a tag before the next byte is looked at, and with the expat of Debian 12.9 and later (2.6
-// elsewhere), which may wait for more, no reader of VTK or ParaView opens such a file.
-// Private to io.
+// told of a tag before the next byte is looked at, which expat with deferred reparsing (2.6,
+// Debian's 2.5.0-1+deb12u5) does not promise: ParaView 5.11 opens no such file there. Private to
+// io.
 namespace cvmesh::detail {
 
 /// Takes the values of an array, a part at a time, and puts them into a file as base64.
