@@ -398,17 +398,24 @@ TEST_CASE("ShapeTree: agrees with brute force, with any guess and any filter", "
       CHECK(tree.nearest(p, -1, all).squared_distance == best);
       if (count > 0) CHECK(tree.nearest(p, q % count, all).squared_distance == best);
       CHECK(tree.nearest(p, -1, is_odd).squared_distance == best_odd);
-      // A region answers for every point of its box that is near enough to a shape.
+      // A region holds every shape within its reach of its box, and shows those within a bound of
+      // any box inside, however the bound shrinks.
       constexpr double kReach = 0.25;
-      const Box3 around{p - Vec3{0.1, 0.1, 0.1}, p + Vec3{0.1, 0.1, 0.1}};
+      const Vec3 wide{0.1, 0.1, 0.1}, narrow{0.02, 0.05, 0.03};
       ShapeTree<Points>::Region region;
-      tree.find_region(around, kReach, region);
-      if (best <= kReach * kReach) {
-        CHECK(tree.nearest(p, -1, all, region).squared_distance == best);
-        CHECK(tree.nearest(p, q % count, all, region).squared_distance == best);
-      }
-      if (best_odd <= kReach * kReach)
-        CHECK(tree.nearest(p, -1, is_odd, region).squared_distance == best_odd);
+      tree.find_region({p - wide, p + wide}, kReach, region);
+      double nearest = kReach * kReach;
+      tree.for_each_near(region, {p, p}, nearest, [&](std::size_t i) {
+        return nearest = std::min(nearest, points.squared_distance(i, p));
+      });
+      CHECK(nearest == std::min(best, kReach * kReach));
+      std::vector<bool> is_seen(points.size(), false);
+      tree.for_each_near(region, {p - narrow, p + narrow}, kReach * kReach, [&](std::size_t i) {
+        is_seen[i] = true;
+        return kReach * kReach;
+      });
+      for (std::size_t i = 0; i < points.size(); ++i)
+        if (points.squared_distance(i, p) <= kReach * kReach) CHECK(is_seen[i]);
       const Box3 box{p - Vec3{0.2, 0.2, 0.2}, p + Vec3{0.2, 0.2, 0.2}};
       std::size_t found = 0, expected = 0;
       tree.for_each_overlap(box, [&](std::size_t) { ++found; });

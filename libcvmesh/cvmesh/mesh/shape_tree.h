@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <utility>
 #include <vector>
 
 namespace cvmesh {
@@ -33,6 +34,15 @@ class ShapeTree {
     build_levels();
   }
 
+  /// With the order of a tree over the same shapes in a space of other axes: saves the sort, and
+  /// what is compact in one is in the other, as long as the axes differ by a few times at most.
+  ShapeTree(const Shapes& shapes, std::vector<std::uint32_t> order)
+      : shapes_(shapes), order_(std::move(order)) {
+    build_levels();
+  }
+
+  [[nodiscard]] const std::vector<std::uint32_t>& order() const { return order_; }
+
   /// The shape nearest to p among those that `is_wanted(i)`; the distance is exact, among equally
   /// near shapes the choice depends on the guess. `guess`, the answer for a point nearby, or -1,
   /// must be one that is wanted; it saves most of the work.
@@ -46,26 +56,25 @@ class ShapeTree {
   /// The part of a tree that holds the shapes near a box.
   class Region;
 
-  /// The same among the guess and the shapes in a region.
-  template <typename IsWanted>
-  [[nodiscard]] Hit nearest(const Vec3& p,
-                            std::int64_t guess,
-                            const IsWanted& is_wanted,
-                            const Region& region) const {
-    Query query(p, hit_of(guess, p));
+  /// Calls visit(i) for the shapes of a region that may be within a distance of `box`, as far as
+  /// their boxes tell: the square root of `squared_bound` at first, then of what the last call
+  /// returned.
+  template <typename Visit>
+  void for_each_near(const Region& region,
+                     const Box3& box,
+                     double squared_bound,
+                     const Visit& visit) const {
+    const Rounded target(box.lo, box.hi);
     for (std::size_t b = 0; b < region.boxes_.size(); ++b) {
-      const Lanes near = distances(region.boxes_[b], query.rounded);
-      if (is_none_within(near, query.best.squared_distance)) continue;
-      for (std::uint32_t lane = 0; lane < kWidth; ++lane) {
-        if (!(near[lane] < query.best.squared_distance)) continue;
-        const std::uint32_t item = region.items_[b * kWidth + lane];
+      const Lanes near = distances(region.boxes_[b], target);
+      for (LaneSet set = lanes_within(near, squared_bound); set != 0; set &= set - 1) {
+        const std::uint32_t item = region.items_[b * kWidth + first_of(set)];
         if (region.height_ == 0)
-          look_at(order_[item], is_wanted, query);
+          squared_bound = visit(order_[item]);
         else
-          search(region.height_ - 1, item, is_wanted, query);
+          squared_bound = visit_near(region.height_ - 1, item, target, squared_bound, visit);
       }
     }
-    return query.best;
   }
 
   /// The region of all shapes whose distance to the box is at most `reach`, as finely as a few
@@ -74,22 +83,22 @@ class ShapeTree {
     region.clear();
     if (levels_.empty()) return;
     const Rounded target(box.lo, box.hi);
-    const float limit = rounded_up(reach * reach);
+    const double squared_reach = reach * reach;
     region.height_ = top_level() + 1;
     region.items_.push_back(0);
-    Region below;
+    std::vector<std::uint32_t>& below = region.below_;
     while (region.height_ > 0) {
       below.clear();
       for (const std::uint32_t node : region.items_) {
-        const Node& boxes = levels_[region.height_ - 1][node];
-        const Lanes near = distances(boxes, target);
-        for (std::uint32_t lane = 0; lane < kWidth; ++lane)
-          if (near[lane] <= limit) below.add(boxes, lane, node * kWidth + lane);
+        const Lanes near = distances(levels_[region.height_ - 1][node], target);
+        for (LaneSet set = lanes_within(near, squared_reach); set != 0; set &= set - 1)
+          below.push_back(node * kWidth + first_of(set));
       }
-      if (below.items_.size() > kRegionItems) return;
-      below.height_ = region.height_ - 1;
-      std::swap(region, below);
+      if (below.size() > kRegionItems) break;
+      --region.height_;
+      std::swap(region.items_, below);
     }
+    if (region.height_ <= top_level()) copy_boxes(region);
   }
 
   /// Calls visit(i) for every shape whose box overlaps or touches `box`, in an order that depends
@@ -154,6 +163,8 @@ class ShapeTree {
     std::uint32_t level, node;
   };
 
+  using LaneSet = std::uint32_t;  // a bit for each lane
+
   [[nodiscard]] std::uint32_t top_level() const {
     return static_cast<std::uint32_t>(levels_.size() - 1);
   }
@@ -179,9 +190,43 @@ class ShapeTree {
         push_far_first(near, entry, query.best.squared_distance, stack, top);
         continue;
       }
-      for (std::uint32_t lane = 0; lane < kWidth; ++lane)
-        if (near[lane] < query.best.squared_distance)
-          look_at(order_[entry.node * std::size_t{kWidth} + lane], is_wanted, query);
+      for (LaneSet set = lanes_within(near, query.best.squared_distance); set != 0; set &= set - 1)
+        look_at(order_[entry.node * std::size_t{kWidth} + first_of(set)], is_wanted, query);
+    }
+  }
+
+  // Visits the shapes under a node; the bound after the last call.
+  template <typename Visit>
+  double visit_near(std::uint32_t level,
+                    std::uint32_t node,
+                    const Rounded& target,
+                    double squared_bound,
+                    const Visit& visit) const {
+    const Lanes near = distances(levels_[level][node], target);
+    for (LaneSet set = lanes_within(near, squared_bound); set != 0; set &= set - 1) {
+      const std::uint32_t child = node * kWidth + first_of(set);
+      squared_bound = level == 0 ? visit(order_[child])
+                                 : visit_near(level - 1, child, target, squared_bound, visit);
+    }
+    return squared_bound;
+  }
+
+  // The boxes of a region's items, four to a node.
+  void copy_boxes(Region& region) const {
+    region.boxes_.resize((region.items_.size() + kWidth - 1) / kWidth);
+    for (std::size_t i = 0; i < region.boxes_.size() * kWidth; ++i) {
+      Node& to = region.boxes_[i / kWidth];
+      const std::uint32_t lane = i % kWidth;
+      if (i >= region.items_.size()) {
+        put(to, lane, Box3{});
+        continue;
+      }
+      const std::uint32_t item = region.items_[i];
+      const Node& from = levels_[region.height_][item / kWidth];
+      for (int axis = 0; axis < 3; ++axis) {
+        to.lo[axis][lane] = from.lo[axis][item % kWidth];
+        to.hi[axis][lane] = from.hi[axis][item % kWidth];
+      }
     }
   }
 
@@ -302,9 +347,23 @@ class ShapeTree {
     return kCautious * sum;
   }
 
-  static bool is_none_within(const Lanes& near, double squared_distance) {
-    const auto is_within = near < rounded_up(squared_distance);
-    return (is_within[0] | is_within[1] | is_within[2] | is_within[3]) == 0;
+  // The lanes whose squared distance is at most a bound; none of those without a box, which are
+  // infinitely far.
+  static LaneSet lanes_within(const Lanes& near, double squared_bound) {
+    const float bound = std::min(rounded_up(squared_bound), std::numeric_limits<float>::max());
+    const auto is_within = near <= bound;
+#ifdef __SSE__
+    return static_cast<LaneSet>(__builtin_ia32_movmskps(reinterpret_cast<Lanes>(is_within)));
+#else
+    LaneSet set = 0;
+    for (std::uint32_t lane = 0; lane < kWidth; ++lane)
+      set |= (is_within[lane] & 1U) << lane;
+    return set;
+#endif
+  }
+
+  static std::uint32_t first_of(LaneSet set) {
+    return static_cast<std::uint32_t>(std::countr_zero(set));
   }
 
   static bool overlaps(const Node& node, std::uint32_t lane, const Box3& box) {
@@ -347,23 +406,9 @@ class ShapeTree<Shapes>::Region {
     boxes_.clear();
   }
 
-  void add(const Node& from, std::uint32_t lane, std::uint32_t item) {
-    const auto to = static_cast<std::uint32_t>(items_.size() % kWidth);
-    if (to == 0) {
-      boxes_.emplace_back();
-      for (std::uint32_t other = 0; other < kWidth; ++other)
-        put(boxes_.back(), other, Box3{});
-    }
-    for (int axis = 0; axis < 3; ++axis) {
-      boxes_.back().lo[axis][to] = from.lo[axis][lane];
-      boxes_.back().hi[axis][to] = from.hi[axis][lane];
-    }
-    items_.push_back(item);
-  }
-
   std::uint32_t height_ = 0;  // 0: the items are places in `order_`; k: nodes of level k - 1
-  std::vector<std::uint32_t> items_;  // their boxes, four to a node
-  std::vector<Node> boxes_;
+  std::vector<std::uint32_t> items_, below_;
+  std::vector<Node> boxes_;  // of the items, four to a node
 };
 
 }  // namespace cvmesh

@@ -3,12 +3,14 @@
 
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/core/random.h"
+#include "cvmesh/core/vec3_pair.h"
 #include "cvmesh/mesh/shape_tree.h"
 #include "cvmesh/metrics/distance_samples.h"
 #include "cvmesh/metrics/measured_surfaces.h"
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -64,7 +66,7 @@ class Direction {
     for (const Sides& pair : pairs_in_target_)
       is_in_target_[pair.inside] = is_in_target_[pair.outside] = true;
     to_voxels_ = divided_by(options.unit_mm, options.spacing_mm);
-    around_ = divided_by({kAroundVox, kAroundVox, kAroundVox}, to_voxels_);
+    block_ = divided_by({kBlockVox, kBlockVox, kBlockVox}, to_voxels_);
   }
 
   DirectedDistances measure() {
@@ -99,11 +101,13 @@ class Direction {
   // Longest side of a piece, in voxels: longer ones are bounded worse, shorter ones hold less than
   // a sample.
   static constexpr double kPieceVox = 1.0;
-  // How far around a piece the next pieces can use its part of the tree.
-  static constexpr double kAroundVox = 2.0;
+  // Side of the boxes whose pieces share a part of the tree, and of the parts of a large shape that
+  // do.
+  static constexpr double kBlockVox = 4.0;
   // What a distance is measured to: all shapes, those of the same pair, or those of a material.
   static constexpr std::int32_t kAll = -1, kPair = -2;
   using Hit = typename ShapeTree<To>::Hit;
+  static constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
   // The distances of a piece to one class of shapes: attained by a point, and not exceeded by any.
   struct Bounds {
@@ -115,6 +119,8 @@ class Direction {
   struct Piece {
     std::uint32_t shape = 0;    // of `from_`
     std::uint32_t ordinal = 0;  // among the pieces of the shape
+    // Which half of which half: a bit for each cut, the first cut's the highest, under a leading 1.
+    std::uint64_t path = 1;
     std::uint32_t first_sample = 0, samples = 0, first_bounds = 0;
     float weight = 0;  // area of one sample
     bool is_split = false;
@@ -147,13 +153,47 @@ class Direction {
     typename ShapeTree<To>::Region region;
   };
 
+  // Shapes made ready for many distances: those asked for last, at the places of their numbers.
+  class ReadyShapes {
+   public:
+    explicit ReadyShapes(const To& shapes) : shapes_(shapes), ready_(kPlaces), of_(kPlaces, -1) {}
+
+    const typename To::Ready& operator()(std::int64_t shape) {
+      const auto place = static_cast<std::size_t>(shape) % kPlaces;
+      if (of_[place] != shape) {
+        ready_[place] = shapes_.ready(static_cast<std::size_t>(shape));
+        of_[place] = shape;
+      }
+      return ready_[place];
+    }
+
+   private:
+    static constexpr std::size_t kPlaces = 512;  // a neighbourhood's, and they fit into the cache
+
+    const To& shapes_;
+    std::vector<typename To::Ready> ready_;
+    std::vector<std::int64_t> of_;
+  };
+
+  // Two samples and the shapes nearest to them so far.
+  struct SamplePair {
+    Vec3Pair point;
+    DoublePair squared_distance;
+    MaskPair shape;
+  };
+
   // What one thread needs while it measures: where the samples of a piece are and which shapes are
   // nearest to them, of all and of one class; and the last answer for each class.
   struct Scratch {
+    explicit Scratch(const To& shapes) : ready(shapes) {}
+
+    Box3 block;  // of the part of the shape around the piece
     std::vector<Vec3> points;
     double span = 0;  // of the first point to the farthest corner
+    std::vector<SamplePair> pairs;
     std::vector<Hit> nearest, nearest_of_class;
     Around around;
+    ReadyShapes ready;
     std::array<std::int64_t, 4> guess{-1, -1, -1, -1};
     Sides guess_sides;
   };
@@ -199,20 +239,20 @@ class Direction {
     return result;
   }
 
-  // Calls visit(piece) for the pieces of a shape, always in the same order.
+  // Cuts a part of a shape in halves until they are no longer than a length, and calls
+  // visit(outline, path) for them, always in the same order.
   template <typename Visit>
-  void for_each_piece(std::size_t shape, const Visit& visit) const {
-    cut(from_.piece(shape), visit);
-  }
-
-  template <typename Visit>
-  void cut(const FlatPiece& outline, const Visit& visit) const {
-    if (longest_side_vox(outline) <= kPieceVox * (1 + 1e-9)) {
-      visit(outline);
+  void cut(const FlatPiece& outline,
+           std::uint64_t path,
+           double longest_vox,
+           const Visit& visit) const {
+    if (longest_side_vox(outline) <= longest_vox * (1 + 1e-9)) {
+      visit(outline, path);
       return;
     }
-    for (const FlatPiece& half : halves(outline))
-      cut(half, visit);
+    const auto [first, second] = halves(outline);
+    cut(first, path << 1, longest_vox, visit);
+    cut(second, path << 1 | 1, longest_vox, visit);
   }
 
   [[nodiscard]] double longest_side_vox(const FlatPiece& piece) const {
@@ -225,11 +265,9 @@ class Direction {
   }
 
   [[nodiscard]] FlatPiece outline_of(const Piece& piece) const {
-    FlatPiece result;
-    std::uint32_t ordinal = 0;
-    for_each_piece(piece.shape, [&](const FlatPiece& outline) {
-      if (ordinal++ == piece.ordinal) result = outline;
-    });
+    FlatPiece result = from_.piece(piece.shape);
+    for (int bit = std::bit_width(piece.path) - 2; bit >= 0; --bit)
+      result = halves(result)[piece.path >> bit & 1];
     return result;
   }
 
@@ -238,15 +276,18 @@ class Direction {
     parallel_for_each_index(
         0, chunks_.size(),
         [&](std::size_t c) {
-          Scratch scratch;
+          Scratch scratch(to_);
           const std::size_t end = std::min(from_.size(), (c + 1) * kChunk);
           for (std::size_t shape = c * kChunk; shape < end; ++shape) {
-            std::uint32_t ordinal = 0;
-            for_each_piece(shape, [&](const FlatPiece& outline) {
-              Piece piece;
-              piece.shape = static_cast<std::uint32_t>(shape);
-              piece.ordinal = ordinal++;
-              measure_piece(outline, piece, chunks_[c], scratch);
+            Piece piece;
+            piece.shape = static_cast<std::uint32_t>(shape);
+            cut(from_.piece(shape), 1, kBlockVox, [&](const FlatPiece& block, std::uint64_t at) {
+              scratch.block = box_of(block);
+              cut(block, at, kPieceVox, [&](const FlatPiece& outline, std::uint64_t path) {
+                piece.path = path;
+                measure_piece(outline, piece, chunks_[c], scratch);
+                ++piece.ordinal;
+              });
             });
           }
         },
@@ -266,7 +307,7 @@ class Direction {
     if (!(scratch.guess_sides == sides)) scratch.guess = {scratch.guess[0], -1, -1, -1};
     scratch.guess_sides = sides;
     find_nearest(outline, scratch.guess[0], scratch);
-    store(scratch.nearest, scratch.span, chunk);
+    store(outline, scratch.nearest, scratch, chunk);
     piece.is_split = std::any_of(scratch.nearest.begin(), scratch.nearest.end(),
                                  [&](const Hit& hit) { return !(to_.sides(hit.shape) == sides); });
     for (int number = 1; piece.is_split && number < 4; ++number) {
@@ -277,7 +318,7 @@ class Direction {
         continue;
       }
       find_nearest_of_class(wanted_class, sides, scratch.guess[number], scratch);
-      store(scratch.nearest_of_class, scratch.span, chunk);
+      store(outline, scratch.nearest_of_class, scratch, chunk);
     }
     chunk.pieces.push_back(piece);
   }
@@ -306,38 +347,78 @@ class Direction {
         p, guess, [&](std::size_t shape) { return matches(to_.sides(shape), wanted, sides); });
   }
 
-  // The shapes nearest to the samples of a piece. How far the first sample is from any one shape
-  // tells how far the nearest of the others can be, and so where in the tree; the answer serves the
-  // pieces around too.
+  // The shapes nearest to the samples of a piece. All samples are measured to one shape after the
+  // other: to the one that was nearest to the last piece, then to those of the tree that may be
+  // nearer to any of them. The part of the tree where they are serves the pieces around too.
   void find_nearest(const FlatPiece& outline, std::int64_t& guess, Scratch& scratch) const {
+    pair_samples(scratch);
+    const Box3 box = box_of(outline);
     Around& around = scratch.around;
-    const Vec3& first = scratch.points.front();
-    Box3 box;
-    for (int k = 0; k < outline.corners; ++k)
-      box.add(outline.corner[k]);
-    Hit hit;
-    const auto is_around = [&] {
-      return std::sqrt(hit.squared_distance) + scratch.span <= around.reach;
+    double farthest2 = guess < 0 ? kInfinity : measure_to(guess, scratch);
+    const auto search_around = [&] {
+      tree_.for_each_near(around.region, box, farthest2, [&](std::uint32_t shape) {
+        return farthest2 = measure_to(shape, scratch);
+      });
     };
-    if (around.box.contains(box.lo) && around.box.contains(box.hi))
-      hit = tree_.nearest(first, guess, is_any, around.region);
-    if (!is_around()) {
-      hit = tree_.nearest(first, guess, is_any);
-      around.box = inflated(box);
-      around.reach = std::sqrt(hit.squared_distance) + scratch.span +
-                     std::min({around_.x, around_.y, around_.z}) / 2;
+    const bool is_around = around.box.contains(box.lo) && around.box.contains(box.hi);
+    if (is_around) search_around();
+    if (!is_around || !(std::sqrt(farthest2) <= around.reach)) {
+      const Hit hit = tree_.nearest(scratch.points.front(), guess, is_any);
+      farthest2 = measure_to(hit.shape, scratch);
+      around.box = widened(scratch.block);
+      around.reach = std::sqrt(farthest2) + std::min({block_.x, block_.y, block_.z}) / 4;
       tree_.find_region(around.box, around.reach, around.region);
+      search_around();
     }
-    scratch.nearest.assign(1, hit);
-    for (std::size_t s = 1; s < scratch.points.size(); ++s)
-      scratch.nearest.push_back(
-          tree_.nearest(scratch.points[s], scratch.nearest.back().shape, is_any, around.region));
+    scratch.nearest.clear();
+    for (std::size_t s = 0; s < scratch.points.size(); ++s) {
+      const SamplePair& pair = scratch.pairs[s / 2];
+      scratch.nearest.push_back({pair.squared_distance[s % 2], pair.shape[s % 2]});
+    }
     guess = scratch.nearest.back().shape;
   }
 
-  [[nodiscard]] Box3 inflated(Box3 box) const {
-    box.lo -= around_;
-    box.hi += around_;
+  // Two and two; the last is its own neighbour where their number is odd.
+  static void pair_samples(Scratch& scratch) {
+    const std::vector<Vec3>& points = scratch.points;
+    scratch.pairs.resize((points.size() + 1) / 2);
+    for (std::size_t i = 0; i < scratch.pairs.size(); ++i) {
+      SamplePair& pair = scratch.pairs[i];
+      pair.point = {points[2 * i], points[std::min(2 * i + 1, points.size() - 1)]};
+      pair.squared_distance = both(kInfinity);
+      pair.shape = MaskPair{-1, -1};
+    }
+  }
+
+  // Measures all samples to one more shape; the largest of the squared distances to the nearest.
+  static double measure_to(std::int64_t shape, Scratch& scratch) {
+    const typename To::Ready& ready = scratch.ready(shape);
+    DoublePair farthest2{};
+    for (SamplePair& pair : scratch.pairs) {
+      const DoublePair d2 = ready.squared_distance(pair.point);
+      const MaskPair is_nearer = d2 < pair.squared_distance;
+      pair.squared_distance = is_nearer ? d2 : pair.squared_distance;
+      pair.shape = is_nearer ? MaskPair{shape, shape} : pair.shape;
+      farthest2 = larger_of(farthest2, pair.squared_distance);
+    }
+    return std::max(farthest2[0], farthest2[1]);
+  }
+
+  // A box that reaches into what comes next where the shape is small.
+  [[nodiscard]] Box3 widened(Box3 box) const {
+    const Vec3 extent = box.extent();
+    for (int axis = 0; axis < 3; ++axis) {
+      const double more = std::max(0.0, block_[axis] - extent[axis]) / 2;
+      box.lo[axis] -= more;
+      box.hi[axis] += more;
+    }
+    return box;
+  }
+
+  static Box3 box_of(const FlatPiece& outline) {
+    Box3 box;
+    for (int k = 0; k < outline.corners; ++k)
+      box.add(outline.corner[k]);
     return box;
   }
 
@@ -359,9 +440,13 @@ class Direction {
   }
 
   // Keeps the distances of a piece's samples. No point of the piece is farther than the first
-  // sample by more than its distance from it.
-  static void store(const std::vector<Hit>& hits, double span, Chunk& chunk) {
-    Bounds bounds{0, std::sqrt(hits.front().squared_distance) + span};
+  // sample by more than its distance from it, nor farther than a corner from any one shape.
+  static void store(const FlatPiece& outline,
+                    const std::vector<Hit>& hits,
+                    Scratch& scratch,
+                    Chunk& chunk) {
+    Bounds bounds{0, std::min(std::sqrt(hits.front().squared_distance) + scratch.span,
+                              farthest(outline, scratch.ready(hits.front().shape)))};
     for (const Hit& hit : hits) {
       const double d = std::sqrt(hit.squared_distance);
       chunk.distances.push_back(static_cast<float>(d));
@@ -378,11 +463,11 @@ class Direction {
   }
 
   // The largest distance of a point of a piece to one shape: a corner's, as both are convex.
-  [[nodiscard]] double farthest(const FlatPiece& outline, std::int64_t shape) const {
-    double squared = 0;
-    for (int k = 0; k < outline.corners; ++k)
-      squared = std::max(squared, to_.squared_distance(shape, outline.corner[k]));
-    return std::sqrt(squared);
+  static double farthest(const FlatPiece& outline, const typename To::Ready& shape) {
+    const auto& [a, b, c, d] = outline.corner;
+    const DoublePair squared =
+        larger_of(shape.squared_distance({a, b}), shape.squared_distance({c, d}));
+    return std::sqrt(std::max(squared[0], squared[1]));
   }
 
   // --- statistics --------------------------------------------------------------------------------
@@ -434,7 +519,7 @@ class Direction {
   void look_at(const Vec3& p, std::int32_t wanted, Part& part) const {
     const Hit hit = nearest(p, wanted, part.sides, part.shape);
     part.shape = hit.shape;
-    part.bounds.upper = std::min(part.bounds.upper, farthest(part.outline, hit.shape));
+    part.bounds.upper = std::min(part.bounds.upper, farthest(part.outline, to_.ready(hit.shape)));
     const double d = std::sqrt(hit.squared_distance);
     if (d <= part.bounds.attained) return;
     part.bounds.attained = d;
@@ -525,7 +610,7 @@ class Direction {
   const ShapeTree<To>& tree_;
   DirectionOptions options_;
   CounterRandom random_;
-  Vec3 to_voxels_, around_;
+  Vec3 to_voxels_, block_;
   std::vector<bool> is_in_target_;
   std::set<Sides> pairs_in_target_;
   std::vector<Chunk> chunks_;

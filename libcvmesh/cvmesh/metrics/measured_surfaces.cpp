@@ -14,6 +14,22 @@ MaterialId material_at(const Grid<MaterialId>& ids, std::array<std::int32_t, 3> 
   return ids.frame.contains(v[0], v[1], v[2]) ? ids(v[0], v[1], v[2]) : kExterior;
 }
 
+constexpr std::int32_t kBlock = 8;
+
+// Calls found(face) for the faces between a voxel and its predecessors.
+template <typename Found>
+void find_faces_before(const Grid<MaterialId>& ids,
+                       const std::array<std::int32_t, 3>& voxel,
+                       const Found& found) {
+  const MaterialId own = material_at(ids, voxel);
+  for (std::uint8_t axis = 0; axis < 3; ++axis) {
+    std::array<std::int32_t, 3> before = voxel;
+    --before[axis];
+    const MaterialId other = material_at(ids, before);
+    if (own != other) found(VoxelFace{voxel, {std::max(own, other), std::min(own, other)}, axis});
+  }
+}
+
 }  // namespace
 
 Vec3 FlatPiece::centre() const {
@@ -70,36 +86,32 @@ Box3 FacetSurface::box(std::size_t f) const {
 }
 
 std::vector<VoxelFace> find_voxel_faces(const Grid<MaterialId>& ids) {
-  const auto [nx, ny, nz] = ids.frame.dims;
-  const auto scan_slice = [&, nx = nx, ny = ny](std::size_t slice, const auto& found) {
-    const auto k = static_cast<std::int32_t>(slice);
-    for (std::int32_t j = 0; j <= ny; ++j) {
-      for (std::int32_t i = 0; i <= nx; ++i) {
-        const std::array<std::int32_t, 3> voxel{i, j, k};
-        const MaterialId own = material_at(ids, voxel);
-        for (std::uint8_t axis = 0; axis < 3; ++axis) {
-          std::array<std::int32_t, 3> before = voxel;
-          --before[axis];
-          const MaterialId other = material_at(ids, before);
-          if (own != other) {
-            found(VoxelFace{voxel, {std::max(own, other), std::min(own, other)}, axis});
-          }
-        }
-      }
-    }
+  // One voxel more along each axis: a face lies before its voxel.
+  const std::array<std::int32_t, 3> end{ids.frame.dims[0] + 1, ids.frame.dims[1] + 1,
+                                        ids.frame.dims[2] + 1};
+  const auto blocks_along = [&](int axis) {
+    return static_cast<std::size_t>((end[axis] + kBlock - 1) / kBlock);
   };
-  const auto slices = static_cast<std::size_t>(nz) + 1;
-  std::vector<std::size_t> first(slices + 1, 0);
+  const std::size_t rows = blocks_along(1) * blocks_along(2);
+  const auto scan_row = [&](std::size_t row, const auto& found) {
+    const auto j0 = static_cast<std::int32_t>(row % blocks_along(1)) * kBlock;
+    const auto k0 = static_cast<std::int32_t>(row / blocks_along(1)) * kBlock;
+    for (std::int32_t i0 = 0; i0 < end[0]; i0 += kBlock)
+      for (std::int32_t k = k0; k < std::min(k0 + kBlock, end[2]); ++k)
+        for (std::int32_t j = j0; j < std::min(j0 + kBlock, end[1]); ++j)
+          for (std::int32_t i = i0; i < std::min(i0 + kBlock, end[0]); ++i)
+            find_faces_before(ids, {i, j, k}, found);
+  };
+  std::vector<std::size_t> first(rows + 1, 0);
   parallel_for_each_index(
-      0, slices, [&](std::size_t k) { scan_slice(k, [&](const VoxelFace&) { ++first[k + 1]; }); },
-      4);
+      0, rows, [&](std::size_t r) { scan_row(r, [&](const VoxelFace&) { ++first[r + 1]; }); }, 4);
   std::partial_sum(first.begin(), first.end(), first.begin());
   std::vector<VoxelFace> faces(first.back());
   parallel_for_each_index(
-      0, slices,
-      [&](std::size_t k) {
-        std::size_t next = first[k];
-        scan_slice(k, [&](const VoxelFace& face) { faces[next++] = face; });
+      0, rows,
+      [&](std::size_t r) {
+        std::size_t next = first[r];
+        scan_row(r, [&](const VoxelFace& face) { faces[next++] = face; });
       },
       4);
   return faces;

@@ -4,7 +4,9 @@
 #include "cvmesh/core/box3.h"
 #include "cvmesh/core/label.h"
 #include "cvmesh/core/vec3.h"
+#include "cvmesh/core/vec3_pair.h"
 #include "cvmesh/grid/grid.h"
+#include "cvmesh/mesh/flat_triangle.h"
 #include "cvmesh/mesh/interface_mesh.h"
 
 #include <array>
@@ -29,8 +31,9 @@ struct FlatPiece {
 std::array<FlatPiece, 2> halves(const FlatPiece& piece);
 
 /// The surfaces that distances are measured between have the same members: `size`, `box` and
-/// `squared_distance` for the search tree, `sides` and `piece` for the measurement. `scale` maps
-/// grid mm to the space in which distances are measured: 1 for mm, 1 / spacing for index space.
+/// `squared_distance` for the search tree, `sides`, `piece` and `ready` for the measurement.
+/// `scale` maps grid mm to the space in which distances are measured: 1 for mm, 1 / spacing for
+/// index space.
 
 /// The facets of an interface mesh, which must outlive this view.
 class FacetSurface {
@@ -46,6 +49,13 @@ class FacetSurface {
   [[nodiscard]] double squared_distance(std::size_t f, const Vec3& p) const {
     const auto& [a, b, c] = corners_[f];
     return squared_norm(p - nearest_on_triangle(p, a, b, c));
+  }
+
+  using Ready = FlatTriangle;
+
+  [[nodiscard]] FlatTriangle ready(std::size_t f) const {
+    const auto& [a, b, c] = corners_[f];
+    return {a, b, c};
   }
 
   [[nodiscard]] FlatPiece piece(std::size_t f) const {
@@ -65,7 +75,8 @@ struct VoxelFace {
   std::uint8_t axis;
 };
 
-/// All voxel faces between unequal materials, those on the box among them, in scan order.
+/// All voxel faces between unequal materials, those on the box among them, by blocks of 8^3 voxels,
+/// so that what lies together on the boundary lies together in memory.
 std::vector<VoxelFace> find_voxel_faces(const Grid<MaterialId>& ids);
 
 /// The staircase of voxel faces, exact rectangles; `faces` must outlive this view.
@@ -88,14 +99,26 @@ class VoxelFaceSurface {
     return result;
   }
 
-  [[nodiscard]] double squared_distance(std::size_t f, const Vec3& p) const {
-    const Box3 b = box(f);
-    double sum = 0;
-    for (int axis = 0; axis < 3; ++axis) {
-      const double d = std::max(0.0, std::max(b.lo[axis] - p[axis], p[axis] - b.hi[axis]));
-      sum += d * d;
+  /// An axis-aligned rectangle, for two points at a time.
+  struct Ready {
+    Box3 box;
+
+    [[nodiscard]] DoublePair squared_distance(const Vec3Pair& p) const {
+      return squared_gap(p.x, box.lo.x, box.hi.x) + squared_gap(p.y, box.lo.y, box.hi.y) +
+             squared_gap(p.z, box.lo.z, box.hi.z);
     }
-    return sum;
+
+   private:
+    static DoublePair squared_gap(const DoublePair& x, double lo, double hi) {
+      const DoublePair gap = larger_of(larger_of(lo - x, x - hi), DoublePair{});
+      return gap * gap;
+    }
+  };
+
+  [[nodiscard]] Ready ready(std::size_t f) const { return {box(f)}; }
+
+  [[nodiscard]] double squared_distance(std::size_t f, const Vec3& p) const {
+    return ready(f).squared_distance({p, p})[0];
   }
 
   [[nodiscard]] FlatPiece piece(std::size_t f) const;

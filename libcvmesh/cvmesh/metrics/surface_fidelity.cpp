@@ -8,7 +8,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <functional>
+#include <utility>
+#include <vector>
 
 namespace cvmesh {
 namespace {
@@ -26,17 +29,31 @@ struct BothDirections {
   DirectedDistances forward, back;
 };
 
+// The orders of the search trees' shapes, once they are known.
+struct TreeOrders {
+  std::vector<std::uint32_t> mesh, reference;
+};
+
+template <typename Surface>
+ShapeTree<Surface> tree_of(const Surface& surface, std::vector<std::uint32_t>& order) {
+  if (!order.empty()) return ShapeTree<Surface>(surface, std::move(order));
+  ShapeTree<Surface> tree(surface);
+  order = tree.order();
+  return tree;
+}
+
 template <typename Mesh, typename Reference>
 BothDirections measure_both(const Mesh& mesh,
                             const Reference& reference,
                             std::size_t materials,
-                            const DirectionOptions& options) {
+                            const DirectionOptions& options,
+                            TreeOrders& orders) {
   BothDirections result;
   {
-    const ShapeTree<Reference> tree(reference);
+    const ShapeTree<Reference> tree = tree_of(reference, orders.reference);
     result.forward = Direction(mesh, reference, tree, materials, options).measure();
   }
-  const ShapeTree<Mesh> tree(mesh);
+  const ShapeTree<Mesh> tree = tree_of(mesh, orders.mesh);
   result.back = Direction(reference, mesh, tree, materials, options).measure();
   return result;
 }
@@ -121,6 +138,7 @@ SurfaceDistances measure(const InterfaceMesh& surface,
   check_extent(surface, spacing);
   SurfaceDistances result;
   result.of_material.resize(materials);
+  TreeOrders orders;
   const auto run = [&](const Vec3& unit_mm, double voxel,
                        TwoSidedDistance SurfaceDistance::*space) {
     const Vec3 scale = divided_by({1, 1, 1}, unit_mm);
@@ -128,7 +146,8 @@ SurfaceDistances measure(const InterfaceMesh& surface,
                                      .max_error = options.max_error_vox * voxel,
                                      .unit_mm = unit_mm,
                                      .spacing_mm = spacing};
-    store(measure_both(FacetSurface(surface, scale), make_reference(scale), materials, direction),
+    store(measure_both(FacetSurface(surface, scale), make_reference(scale), materials, direction,
+                       orders),
           space, result);
   };
   run(spacing, 1, &SurfaceDistance::voxels);
