@@ -65,7 +65,7 @@ void EmbeddingGuard::begin(const Box3& box,
   });
   for (const FacetIndex::Entry& entry : nearby_)
     for (const auto v : surfaces_.facets()[entry.id].vertices)
-      if (!holds(ring, v) && box.contains(surfaces_.points()[v])) nearby_vertices_.push_back(v);
+      if (box.contains(surfaces_.points()[v]) && !holds(ring, v)) nearby_vertices_.push_back(v);
   std::sort(nearby_vertices_.begin(), nearby_vertices_.end());
   nearby_vertices_.erase(std::unique(nearby_vertices_.begin(), nearby_vertices_.end()),
                          nearby_vertices_.end());

@@ -39,9 +39,9 @@ struct ImproveTetsOptions {
   double max_surface_shift_mm = 0;       ///< of flips of surface edges; 0: no such flips
   double max_insertions_per_vertex = 1;  ///< bound on new vertices, over those of the mesh
   /// Bound on tets in which new vertices are tried, over the vertices of the mesh, and how many are
-  /// always allowed. Parts of a body ask for 0.03 a vertex, pure noise for 2.
-  double max_insertion_tries_per_vertex = 0.1;
-  std::size_t few_insertion_tries = 10000;
+  /// always allowed. Sparse surfaces of thin parts ask for up to 0.34 a vertex, pure noise for 2.
+  double max_insertion_tries_per_vertex = 0.4;
+  std::size_t few_insertion_tries = 20000;
 };
 
 struct ImproveTetsStats {
