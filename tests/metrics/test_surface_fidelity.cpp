@@ -39,6 +39,32 @@ void check_all(const DistanceStats& stats, double expected) {
   CHECK(stats.rms == Approx(expected).margin(kFloat));
 }
 
+/// The largest distance from the facets of some sides to those of the same, on a grid of points in
+/// every facet, 20 steps along a side.
+template <typename IsWanted>
+double brute_force(const InterfaceMesh& from, const InterfaceMesh& to, const IsWanted& is_wanted) {
+  constexpr int kSide = 20;
+  double largest = 0;
+  for (std::size_t f = 0; f < from.facets.size(); ++f) {
+    if (!is_wanted(from.patch_of[f].sides)) continue;
+    const auto& [i, j, k] = from.facets[f];
+    for (int u = 0; u <= kSide; ++u)
+      for (int v = 0; u + v <= kSide; ++v) {
+        const Vec3 p = from.points[i] + (u / double(kSide)) * (from.points[j] - from.points[i]) +
+                       (v / double(kSide)) * (from.points[k] - from.points[i]);
+        double nearest = std::numeric_limits<double>::infinity();
+        for (std::size_t g = 0; g < to.facets.size(); ++g) {
+          if (!is_wanted(to.patch_of[g].sides)) continue;
+          const auto& [x, y, z] = to.facets[g];
+          nearest = std::min(nearest, distance(p, nearest_on_triangle(p, to.points[x], to.points[y],
+                                                                      to.points[z])));
+        }
+        largest = std::max(largest, nearest);
+      }
+  }
+  return largest;
+}
+
 }  // namespace
 
 TEST_CASE("measure_distances: parallel squares are at their distance everywhere",
@@ -215,28 +241,11 @@ TEST_CASE("measure_surface_fidelity: both references, the same at 1 and 4 thread
 TEST_CASE("measure_distances: the largest distance is within the stated error of the truth",
           "[metrics][unit]") {
   // Two polyhedra around shifted centres. The largest distance from a convex surface to another is
-  // at a vertex or where the nearest facet changes; a grid of 200 points along each side of every
-  // facet, measured against every facet, misses it by less than a hundredth of a voxel.
+  // at a vertex or where the nearest facet changes; a grid of points in every facet, measured
+  // against every facet, misses it by less than a step.
   const InterfaceMesh a = simple_meshes::sphere({16, 16, 16}, 6, 1);
   const InterfaceMesh b = simple_meshes::sphere({16.5, 16.3, 15.8}, 5, 0);
-  const auto brute_force = [](const InterfaceMesh& from, const InterfaceMesh& to) {
-    constexpr int kSide = 200;
-    double largest = 0;
-    for (const auto& [i, j, k] : from.facets) {
-      for (int u = 0; u <= kSide; u += 10)
-        for (int v = 0; u + v <= kSide; v += 10) {
-          const Vec3 p = from.points[i] + (u / double(kSide)) * (from.points[j] - from.points[i]) +
-                         (v / double(kSide)) * (from.points[k] - from.points[i]);
-          double nearest = std::numeric_limits<double>::infinity();
-          for (const auto& [x, y, z] : to.facets)
-            nearest = std::min(
-                nearest,
-                distance(p, nearest_on_triangle(p, to.points[x], to.points[y], to.points[z])));
-          largest = std::max(largest, nearest);
-        }
-    }
-    return largest;
-  };
+  const auto any = [](Sides) { return true; };
   for (const double max_error : {0.05, 0.005}) {
     SurfaceFidelityOptions options;
     options.max_error_vox = max_error;
@@ -246,12 +255,49 @@ TEST_CASE("measure_distances: the largest distance is within the stated error of
       CHECK(stats->max_error >= 0);
       CHECK(stats->max_error <= max_error);
     }
-    CHECK(brute_force(a, b) <= forward.max + forward.max_error + 1e-12);
-    CHECK(brute_force(b, a) <= back.max + back.max_error + 1e-12);
-    CHECK(brute_force(a, b) >= forward.max - 0.1);  // steps of 0.2 voxel
+    CHECK(brute_force(a, b, any) <= forward.max + forward.max_error + 1e-12);
+    CHECK(brute_force(b, a, any) <= back.max + back.max_error + 1e-12);
+    CHECK(brute_force(a, b, any) >= forward.max - 0.1);  // steps of 0.2 voxel
     CHECK(d.overall.voxels.hausdorff_upper_bound() - d.overall.voxels.hausdorff_lower_bound() <=
           max_error);
   }
+}
+
+TEST_CASE("measure_distances: the largest distance of every label and interface is bounded, too",
+          "[metrics][unit]") {
+  // Label 2 inside label 1, and both in the reference elsewhere: near the other interface in
+  // places, so that distances to all, to a label and to an interface differ.
+  const auto with_sides = [](InterfaceMesh mesh, Sides sides) {
+    for (PatchKey& key : mesh.patch_of)
+      key.sides = sides;
+    return mesh;
+  };
+  const Sides outer{1, 0}, inner{2, 1};
+  const InterfaceMesh a =
+      simple_meshes::together(with_sides(simple_meshes::sphere({16, 16, 16}, 6, 1), outer),
+                              with_sides(simple_meshes::sphere({15, 16, 16}, 4, 1), inner));
+  const InterfaceMesh b =
+      simple_meshes::together(with_sides(simple_meshes::sphere({16.5, 16.3, 15.8}, 6.5, 1), outer),
+                              with_sides(simple_meshes::sphere({18, 16.2, 16}, 3.5, 0), inner));
+  const SurfaceFidelityOptions options;
+  const SurfaceDistances d = measure_distances(a, b, frame_of({1, 1, 1}), 3, options);
+  const auto check = [&](const SurfaceDistance& distances, const auto& is_wanted) {
+    const auto& [forward, back] = distances.voxels;
+    const auto check_one = [&](const DistanceStats& stats, double brute) {
+      CHECK(stats.max_error >= 0);
+      CHECK(stats.max_error <= options.max_error_vox);
+      CHECK(brute <= stats.max + stats.max_error + 1e-12);
+      CHECK(brute >= stats.max - 0.2);  // steps of the grid are up to 0.4 voxel
+    };
+    check_one(forward, brute_force(a, b, is_wanted));
+    check_one(back, brute_force(b, a, is_wanted));
+  };
+  check(d.of_pair.at(outer), [&](Sides s) { return s == outer; });
+  check(d.of_pair.at(inner), [&](Sides s) { return s == inner; });
+  check(d.of_material[1], [](Sides s) { return s.inside == 1 || s.outside == 1; });
+  check(d.of_material[2], [](Sides s) { return s.inside == 2 || s.outside == 2; });
+  check(d.overall, [](Sides) { return true; });
+  CHECK(d.overall.voxels.mesh_to_reference.max < d.of_pair.at(inner).voxels.mesh_to_reference.max);
 }
 
 TEST_CASE("measure_distances: a peak between all samples is found, with its place",

@@ -354,6 +354,22 @@ TEST_CASE("improve_tets: the bound on new vertices holds", "[tet][unit]") {
   CHECK(stats.insertions == static_cast<std::size_t>(0.02 * static_cast<double>(before)));
 }
 
+TEST_CASE("improve_tets: the bound on tries of new vertices holds, and few are always allowed",
+          "[tet][unit]") {
+  const TetMesh start = unimproved(sphere(kCentre, 15, 3, {1, 0}), 2, 100);
+  ImproveTetsOptions options;
+  options.insert_below_deg = 80;  // more than can be had, so that nearly every tet asks for tries
+  options.max_insertion_tries_per_vertex = 0.05;
+  const auto bound = static_cast<std::size_t>(0.05 * static_cast<double>(start.points.size()));
+  for (const std::size_t few : {std::size_t{3}, bound + 50}) {
+    options.few_insertion_tries = few;
+    TetMesh mesh = start;
+    const ImproveTetsStats stats = improve_tets(mesh, options, silent_context());
+    CHECK(stats.insertion_tries == std::max(few, bound));
+    CHECK(stats.insertions <= stats.insertion_tries);
+  }
+}
+
 TEST_CASE("improve_tets: a thin wall between two sparse sheets keeps its surface", "[tet][unit]") {
   const InterfaceMesh surface =
       join(sphere(kCentre, 15, 3, {1, 0}), sphere(kCentre, 14.5, 3, {2, 1}));

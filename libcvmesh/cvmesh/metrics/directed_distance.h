@@ -44,7 +44,9 @@ struct DirectionOptions {
 /// halved until none is left.
 ///
 /// A piece counts for all shapes together, for both of its materials and for its pair of them; each
-/// of these classes is measured against the target's shapes of the same class.
+/// of these classes is measured against the target's shapes of the same class. To more shapes no
+/// distance is larger: the largest distance to a pair bounds that to its materials, and this that
+/// to all shapes.
 template <typename From, typename To>
 class Direction {
  public:
@@ -79,20 +81,26 @@ class Direction {
       for (std::uint32_t p = 0; p < chunks_[c].pieces.size(); ++p)
         pieces_of[sides_of({c, p})].push_back({c, p});
 
-    result.overall = summarise(all_of(pieces_of, [](Sides) { return true; }), kAll);
-    const bool is_one_pair = pieces_of.size() == 1 && pairs_in_target_.size() == 1 &&
-                             is_target(pieces_of.begin()->first);
+    const auto all = all_of(pieces_of, [](Sides) { return true; });
+    if (pieces_of.size() == 1 && pairs_in_target_.size() == 1 &&
+        is_target(pieces_of.begin()->first)) {
+      const Sides pair = pieces_of.begin()->first;
+      result.overall = result.of_pair[pair] = summarise(all, kAll);
+      for (const MaterialId m : {pair.inside, pair.outside})
+        if (m != kExterior) result.of_material[m] = result.overall;
+      return result;
+    }
+    // The smaller classes first: what is known of them is a bound for those that hold them.
     for (const auto& [pair, pieces] : pieces_of)
-      if (is_target(pair))
-        result.of_pair[pair] = is_one_pair ? result.overall : summarise(pieces, kPair);
+      if (is_target(pair)) result.of_pair[pair] = summarise(pieces, kPair);
     for (std::size_t m = 1; m < result.of_material.size(); ++m) {
       if (!is_in_target_[m]) continue;
       const auto id = static_cast<MaterialId>(m);
       const auto pieces =
           all_of(pieces_of, [id](Sides s) { return s.inside == id || s.outside == id; });
-      if (!pieces.empty())
-        result.of_material[m] = is_one_pair ? result.overall : summarise(pieces, id);
+      if (!pieces.empty()) result.of_material[m] = summarise(pieces, id);
     }
+    result.overall = summarise(all, kAll);
     return result;
   }
 
@@ -130,6 +138,12 @@ class Direction {
     std::vector<Piece> pieces;
     std::vector<float> distances;
     std::vector<Bounds> bounds;
+  };
+
+  // Where a class has its largest distance, on a piece of these sides.
+  struct Worst {
+    Vec3 at;
+    Sides sides;
   };
 
   struct PieceId {
@@ -479,7 +493,7 @@ class Direction {
     return from_.sides(piece.shape).inside == wanted ? 1 : 2;
   }
 
-  DistanceStats summarise(const std::vector<PieceId>& pieces, std::int32_t wanted) const {
+  DistanceStats summarise(const std::vector<PieceId>& pieces, std::int32_t wanted) {
     std::vector<SampleRun> runs(pieces.size());
     parallel_for_each_index(0, pieces.size(), [&](std::size_t i) {
       const Chunk& chunk = chunks_[pieces[i].chunk];
@@ -489,8 +503,27 @@ class Direction {
     });
     DistanceStats stats = sample_stats(runs);
     find_maximum(pieces, wanted, stats);
+    pass_on(pieces, wanted, stats);
     stats.worst_mm = scaled_by(stats.worst_mm, options_.unit_mm);
     return stats;
+  }
+
+  // Bounds the distances of the classes that hold this one, and keeps the place for them to try.
+  void pass_on(const std::vector<PieceId>& pieces,
+               std::int32_t wanted,
+               const DistanceStats& stats) {
+    if (wanted == kAll) return;
+    worst_of_classes_.push_back({stats.worst_mm, stats.worst_sides});
+    const double upper = stats.max + stats.max_error;
+    for (const PieceId id : pieces) {
+      Chunk& chunk = chunks_[id.chunk];
+      const Piece& piece = chunk.pieces[id.piece];
+      const std::uint32_t sets = piece.is_split && wanted == kPair ? 3 : 1;
+      for (std::uint32_t set = 0; set < sets; ++set) {
+        Bounds& bounds = chunk.bounds[piece.first_bounds + set];
+        bounds.upper = std::min(bounds.upper, upper);
+      }
+    }
   }
 
   [[nodiscard]] const Bounds& bounds_of(PieceId id, std::int32_t wanted) const {
@@ -547,6 +580,7 @@ class Direction {
     for (const PieceId id : pieces)
       if (bounds_of(id, wanted).attained > bounds_of(worst, wanted).attained) worst = id;
     take(worst_part(worst, wanted), stats);
+    try_worst_of_classes(wanted, stats);
     double upper = stats.max;  // of all that is settled
     for (std::size_t begin = 0; begin < pieces.size(); begin += kBlock) {
       std::vector<Part> open;
@@ -564,6 +598,19 @@ class Direction {
       }
     }
     stats.max_error = std::max(0.0, upper - stats.max);
+  }
+
+  // The classes that this one holds have mostly found its largest distance already.
+  void try_worst_of_classes(std::int32_t wanted, DistanceStats& stats) const {
+    if (wanted == kPair) return;
+    for (const Worst& worst : worst_of_classes_) {
+      if (!matches(worst.sides, wanted, worst.sides)) continue;
+      const double d = std::sqrt(nearest(worst.at, wanted, worst.sides, -1).squared_distance);
+      if (d <= stats.max) continue;
+      stats.max = d;
+      stats.worst_mm = worst.at;
+      stats.worst_sides = worst.sides;
+    }
   }
 
   static std::vector<Part> halves_of(const std::vector<Part>& open) {
@@ -614,6 +661,7 @@ class Direction {
   std::vector<bool> is_in_target_;
   std::set<Sides> pairs_in_target_;
   std::vector<Chunk> chunks_;
+  std::vector<Worst> worst_of_classes_;  // of those that are done
 };
 
 }  // namespace cvmesh

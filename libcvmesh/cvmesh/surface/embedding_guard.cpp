@@ -6,14 +6,29 @@
 namespace cvmesh {
 namespace {
 
-/// Over a voxel: side of the smallest cells of the index. Dense facets fit into it.
-constexpr double kFinest = 1.5;
+/// Side of the smallest cells of the index over the mean longest side of the facets' boxes; and the
+/// bounds of that side over a voxel. Dense facets fit into the largest one. Where many labels meet
+/// in each voxel facets are smaller, and cells of that size would hold hundreds.
+constexpr double kCellOverFacet = 2.5, kFinestVox = 0.5, kCoarsestVox = 1.5;
 
 Box3 bounds_of(const MaterialSurfaces& surfaces) {
   Box3 box;
   for (std::size_t v = 0; v < surfaces.points().size(); ++v)
     if (surfaces.is_alive(static_cast<std::int32_t>(v))) box.add(surfaces.points()[v]);
   return box;
+}
+
+/// Of the longest sides of the facets' boxes.
+double mean_side(const MaterialSurfaces& surfaces) {
+  double sum = 0;
+  std::size_t count = 0;
+  for (const auto& facet : surfaces.facets()) {
+    if (!facet.is_alive) continue;
+    const Vec3 extent = box_of(surfaces.points(), facet.vertices).extent();
+    sum += std::max({extent.x, extent.y, extent.z});
+    ++count;
+  }
+  return sum / static_cast<double>(std::max<std::size_t>(count, 1));
 }
 
 Box3 grown(Box3 box, double margin) {
@@ -29,7 +44,8 @@ bool holds(std::span<const std::int32_t> ids, std::int32_t id) {
 }  // namespace
 
 FacetIndex index_facets(const MaterialSurfaces& surfaces, double voxel_mm) {
-  FacetIndex index(bounds_of(surfaces), kFinest * voxel_mm);
+  FacetIndex index(bounds_of(surfaces), std::clamp(kCellOverFacet * mean_side(surfaces),
+                                                   kFinestVox * voxel_mm, kCoarsestVox * voxel_mm));
   for (std::size_t f = 0; f < surfaces.facets().size(); ++f)
     if (surfaces.facets()[f].is_alive) insert_facet(surfaces, static_cast<std::int32_t>(f), index);
   return index;
@@ -49,7 +65,7 @@ void EmbeddingGuard::begin(const Box3& box,
   });
   for (const FacetIndex::Entry& entry : nearby_)
     for (const auto v : surfaces_.facets()[entry.id].vertices)
-      if (!holds(ring, v) && box.contains(surfaces_.points()[v])) nearby_vertices_.push_back(v);
+      if (box.contains(surfaces_.points()[v]) && !holds(ring, v)) nearby_vertices_.push_back(v);
   std::sort(nearby_vertices_.begin(), nearby_vertices_.end());
   nearby_vertices_.erase(std::unique(nearby_vertices_.begin(), nearby_vertices_.end()),
                          nearby_vertices_.end());
@@ -61,8 +77,8 @@ bool EmbeddingGuard::intersects_nearby(const VertexTriple& t) const {
     if (!entry.overlaps(box)) return false;
     const VertexTriple& s = surfaces_.facets()[entry.id].vertices;
     // without a clearance to spare, only the exact test will do
-    if (clearance_mm_ > 0 && are_facets_apart(surfaces_.points(), s, t, clearance_mm_))
-      return false;
+    if (!(clearance_mm_ > 0)) return facets_intersect(surfaces_.points(), t, s);
+    if (are_facets_apart(surfaces_.points(), s, t, clearance_mm_)) return false;
     return facets_intersect(surfaces_.points(), t, s) ||
            are_facets_near(surfaces_.points(), s, t, clearance_mm_);
   });

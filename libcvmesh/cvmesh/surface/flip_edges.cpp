@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <numeric>
 #include <optional>
 #include <set>
 #include <utility>
@@ -253,15 +254,27 @@ class Flipper {
 
 using Edge = std::pair<std::int32_t, std::int32_t>;
 
-// All edges, ascending.
+// All edges, ascending: sorted by counting what starts at each vertex, as every pass needs them.
 std::vector<Edge> list_edges(const MaterialSurfaces& surfaces) {
-  std::vector<Edge> edges;
-  for (const auto& facet : surfaces.facets()) {
-    if (!facet.is_alive) continue;
-    for (int c = 0; c < 3; ++c)
-      edges.push_back(std::minmax(facet.vertices[c], facet.vertices[(c + 1) % 3]));
+  const auto for_each_side = [&](const auto& visit) {
+    for (const auto& facet : surfaces.facets()) {
+      if (!facet.is_alive) continue;
+      for (int c = 0; c < 3; ++c)
+        visit(Edge(std::minmax(facet.vertices[c], facet.vertices[(c + 1) % 3])));
+    }
+  };
+  std::vector<std::size_t> place_of(surfaces.points().size() + 1, 0);
+  for_each_side([&](const Edge& edge) { ++place_of[edge.first + 1]; });
+  std::partial_sum(place_of.begin(), place_of.end(), place_of.begin());
+  std::vector<Edge> edges(place_of.back());
+  for_each_side([&](const Edge& edge) { edges[place_of[edge.first]++] = edge; });
+  // Each place has moved to where its vertex ends.
+  std::size_t begin = 0;
+  for (const std::size_t end : place_of) {
+    std::sort(edges.begin() + static_cast<std::ptrdiff_t>(begin),
+              edges.begin() + static_cast<std::ptrdiff_t>(end));
+    begin = end;
   }
-  std::sort(edges.begin(), edges.end());
   edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
   return edges;
 }

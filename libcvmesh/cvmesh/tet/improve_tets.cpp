@@ -102,7 +102,10 @@ class Improver {
       : tets_(mesh),
         context_(context),
         goal_(std::sin(options.comfort_deg * kDegree)),
-        insert_below_(std::sin(options.insert_below_deg * kDegree)) {
+        insert_below_(std::sin(options.insert_below_deg * kDegree)),
+        most_insertions_(share_of_vertices(options.max_insertions_per_vertex)),
+        most_tries_(std::max(options.few_insertion_tries,
+                             share_of_vertices(options.max_insertion_tries_per_vertex))) {
     tried_vertex_.assign(tets_.point_count(), 0);
     tried_tet_.assign(tets_.slot_count(), 0);
   }
@@ -174,25 +177,29 @@ class Improver {
   }
 
   /// One round of new vertices in tets that neither flips nor moves could help, worst first.
-  std::size_t insert(std::size_t most, ImproveTetsStats& stats) {
-    std::size_t inserted = 0;
+  void insert(ImproveTetsStats& stats) {
     for (const std::int32_t t : poor_tets(insert_below_)) {
-      if (inserted == most) break;
+      if (stats.insertions >= most_insertions_ || stats.insertion_tries >= most_tries_) break;
       if (!is_open(t, insert_below_, tried_insertion_)) continue;
       // A tet that has stayed in place through some tries is bound by the surface around it.
       if (at(t) >= failures_.size()) failures_.resize(tets_.slot_count());
       Failures& failures = failures_[at(t)];
       if (failures.tet != tets_.tet(t)) failures = {tets_.tet(t), 0};
       if (failures.count >= kMostTries) continue;
-      if (insert_into(t, stats))
-        ++inserted;
+      const bool is_inserted = insert_into(t, stats);
+      ++stats.insertion_tries;
+      if (is_inserted)
+        ++stats.insertions;
       else
         ++failures.count;
     }
-    return inserted;
   }
 
  private:
+  [[nodiscard]] std::size_t share_of_vertices(double share) const {
+    return static_cast<std::size_t>(share * static_cast<double>(tets_.point_count()));
+  }
+
   void leave_if_cancelled(std::size_t step) const {
     constexpr std::size_t kSteps = 1024;  // some ten milliseconds
     if (step % kSteps == 0 && context_.cancel != nullptr)
@@ -603,6 +610,7 @@ class Improver {
   const StageContext& context_;
   const Goal goal_;
   const double insert_below_;
+  const std::size_t most_insertions_, most_tries_;
   // What was tried in vain is tried again only after something around it changed.
   std::vector<std::uint64_t> tried_vertex_, tried_tet_, tried_insertion_;
   std::vector<Failures> failures_;
@@ -619,8 +627,6 @@ ImproveTetsStats improve_tets(TetMesh& mesh,
                               const ImproveTetsOptions& options,
                               const StageContext& context) {
   ImproveTetsStats stats;
-  const auto most_insertions = static_cast<std::size_t>(options.max_insertions_per_vertex *
-                                                        static_cast<double>(mesh.points.size()));
   Improver improver(mesh, options, context);
   stats.before = improver.measure();
   while (stats.passes < options.passes) {
@@ -636,12 +642,13 @@ ImproveTetsStats improve_tets(TetMesh& mesh,
     stats.moves += moves;
     // Flips and moves come first: they are cheaper, and most of what is poor at first goes by them.
     const bool may_insert = stats.passes > kPassesBeforeInsertion;
-    const std::size_t inserted =
-        !may_insert ? 0 : improver.insert(most_insertions - stats.insertions, stats);
-    stats.insertions += inserted;
+    const std::size_t insertions_then = stats.insertions, tries_then = stats.insertion_tries;
+    if (may_insert) improver.insert(stats);
+    const std::size_t inserted = stats.insertions - insertions_then;
     const std::size_t flips = flips_of(stats) - flips_then;
-    context.log->debug("{}: improvement pass {}: {} flips, {} moves, {} insertions", kStage,
-                       stats.passes, flips, moves, inserted);
+    context.log->debug("{}: improvement pass {}: {} flips, {} moves, {} insertions of {} tried",
+                       kStage, stats.passes, flips, moves, inserted,
+                       stats.insertion_tries - tries_then);
     if (may_insert && (flips + moves + inserted) * kQuietPass < improver.slot_count()) break;
   }
   stats.after = improver.measure();

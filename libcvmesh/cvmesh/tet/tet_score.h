@@ -15,13 +15,9 @@ struct TetScore {
   double radius_ratio = 0;  ///< 3 r / R, 1 when regular, 0 when flat or inverted
 };
 
-/// The score of tet abcd; its radius ratio stays 0 where the smallest sine is below `floor`, which
-/// saves the time for changes that are refused anyway.
-inline TetScore score_tet(const Vec3& a,
-                          const Vec3& b,
-                          const Vec3& c,
-                          const Vec3& d,
-                          double floor = -std::numeric_limits<double>::infinity()) {
+/// The score of tet abcd; its radius ratio stays 0 where the smallest sine is below `floor`.
+inline TetScore score_any_tet(
+    const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d, double floor) {
   // All from one corner: u, v, w span the tet, and the area vectors of its faces follow from the
   // three cross products (they sum to zero).
   const Vec3 u = b - a, v = c - a, w = d - a;
@@ -55,10 +51,21 @@ inline TetScore score_tet(const Vec3& a,
   return score;
 }
 
+/// The score of tet abcd. For changes that are refused anyway it saves the time: below `floor` the
+/// radius ratio stays 0, and below a floor above 0 all flat and inverted tets get a sine of -1.
+inline TetScore score_tet(const Vec3& a,
+                          const Vec3& b,
+                          const Vec3& c,
+                          const Vec3& d,
+                          double floor = -std::numeric_limits<double>::infinity()) {
+  if (floor > 0 && !(dot(b - a, cross(c - a, d - a)) > 0)) return {-1, 0};
+  return score_any_tet(a, b, c, d, floor);
+}
+
 /// Smallest sine of the dihedral angles of tet abcd, negative when the tet is inverted, 0 when it
 /// is flat.
 inline double min_dihedral_sine(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
-  return score_tet(a, b, c, d, std::numeric_limits<double>::infinity()).min_sine;
+  return score_any_tet(a, b, c, d, std::numeric_limits<double>::infinity()).min_sine;
 }
 
 }  // namespace cvmesh
