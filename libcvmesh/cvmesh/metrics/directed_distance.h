@@ -623,7 +623,8 @@ class Direction {
   }
 
   void look_at_centres(std::vector<Part>& parts, std::int32_t wanted, DistanceStats& stats) const {
-    const double found = stats.max;
+    // Surfaces that coincide are within the error everywhere: no maximum below it is looked for.
+    const double found = std::max(stats.max, options_.max_error);
     parallel_for_each_index(
         0, parts.size(),
         [&](std::size_t i) {
