@@ -425,7 +425,10 @@ bool lower_along_loops(const SheetGraph& graph,
 // The Voronoi cells of particles along the edges of a sheet.
 class Cells {
  public:
-  Cells(const SheetGraph& graph, std::vector<std::int32_t> sources)
+  /// @param links  of `graph`
+  Cells(const SheetGraph& graph,
+        const std::vector<SheetGraph::Link>& links,
+        std::vector<std::int32_t> sources)
       : graph_(graph),
         distance_(graph.vertices.size(), kInfinity),
         word_(graph.vertices.size(), 0),
@@ -449,13 +452,12 @@ class Cells {
       queue.pop();
       if (d > distance_[v] || owner != owner_[v]) continue;
       for (auto n = graph.first[v]; n < graph.first[v + 1]; ++n) {
-        const auto e = graph.incident[n];
-        const auto w = graph.other_end(e, v);
-        const double next = d + graph.edges[e].length;
+        const auto& [w, e, length, word] = links[n];
+        const double next = d + length;
         if (next >= distance_[w]) continue;
         distance_[w] = next;
         owner_[w] = owner;
-        word_[w] = word_[v] ^ graph.edges[e].word;
+        word_[w] = word_[v] ^ word;
         queue.emplace(next, owner, w);
       }
     }
@@ -566,12 +568,14 @@ bool lower_h_at_short_loops(const InterfaceMesh& dense,
 
 struct LoopTest::Sheet {
   SheetGraph graph;
+  std::vector<SheetGraph::Link> links;
 };
 
 LoopTest::LoopTest(const InterfaceMesh& dense, const std::vector<std::int32_t>& facets) {
   SheetGraph graph(dense, facets);
-  if (graph.find_cocycle(SheetGraph::Rim::Counts))
-    sheet_ = std::make_unique<Sheet>(Sheet{std::move(graph)});
+  if (!graph.find_cocycle(SheetGraph::Rim::Counts)) return;
+  std::vector<SheetGraph::Link> links = graph.links();
+  sheet_ = std::make_unique<Sheet>(Sheet{std::move(graph), std::move(links)});
 }
 
 LoopTest::~LoopTest() = default;
@@ -581,7 +585,7 @@ std::vector<std::int32_t> LoopTest::missing(
     const std::vector<std::int32_t>& particle_vertices) const {
   std::vector<std::int32_t> result;
   if (!sheet_) return result;
-  for (const auto v : Cells(sheet_->graph, particle_vertices).vertices_for_loops())
+  for (const auto v : Cells(sheet_->graph, sheet_->links, particle_vertices).vertices_for_loops())
     result.push_back(sheet_->graph.vertices[v]);
   return result;
 }
