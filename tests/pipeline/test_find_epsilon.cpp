@@ -40,6 +40,22 @@ TEST_CASE("find_epsilon: guards and clamps that flatten the law are coped with",
   }
 }
 
+TEST_CASE("find_epsilon: ends with the nearest count once the target is known to be out of reach",
+          "[pipeline][unit]") {
+  // 400 vertices whatever epsilon is, which the third round tells.
+  int rounds = 0;
+  const auto count = [&](double epsilon) {
+    ++rounds;
+    return 400 + 3000 / (epsilon * epsilon);
+  };
+  const CountSearchResult found =
+      find_epsilon(count, {.target = 200, .is_out_of_reach = [&] { return rounds == 3; }});
+  CHECK_FALSE(found.is_reached);
+  CHECK(found.rounds == 3);
+  CHECK(found.count == count(found.epsilon));
+  CHECK(found.count < count(1));
+}
+
 TEST_CASE("find_epsilon: what cannot be reached ends with the nearest count", "[pipeline][unit]") {
   const auto count = [](double epsilon) { return 400 + 3000 / (epsilon * epsilon); };
   const CountSearchResult found = find_epsilon(count, {.target = 100, .max_rounds = 8});

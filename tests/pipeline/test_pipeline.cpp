@@ -373,6 +373,39 @@ TEST_CASE("run_pipeline: target_vertices is met within two percent", "[pipeline]
   CHECK(std::abs(report.stages.sizing_field->expected_vertices - 400) <= 2);
 }
 
+TEST_CASE("run_pipeline: specks that need more than target_vertices keep only what they need",
+          "[pipeline][unit]") {
+  // Specks of eight voxels, six apart, in a ball.
+  const test_data::TemporaryFolder folder;
+  const auto speck_middle = [](double x) { return 6 * std::floor(x / 6) + 1; };
+  int speck_voxels = 0;
+  const auto label_at = [&](const Vec3& p) -> Label {
+    if (norm(p) > 18) return 0;
+    const Vec3 middle{speck_middle(p.x), speck_middle(p.y), speck_middle(p.z)};
+    const Vec3 d = p - middle;
+    if (norm(middle) > 13 || d.x > 1 || d.y > 1 || d.z > 1) return 1;
+    ++speck_voxels;
+    return 2;
+  };
+  write_volume_file(folder / "a.nii",
+                    phantoms::sample(phantoms::centred_frame({44, 44, 44}), label_at));
+  RunRequest request = request_for(folder / "a.nii", folder / "out");
+  request.surface_only = true;
+  const auto search = [&](std::size_t target) {
+    request.parameters.target_vertices = target;
+    return *run_pipeline(request, silent_context()).report.stages.epsilon_search;
+  };
+  REQUIRE(speck_voxels > 0);
+  REQUIRE(speck_voxels % 8 == 0);
+  const double needed = 12 * speck_voxels / 8;  // vertices of a closed boundary
+  const EpsilonSearch below = search(100);
+  CHECK(below.rounds == 1);  // further ones would find as much
+  CHECK(below.reached >= needed);
+  CHECK(below.reached <= needed + 2 * 100);
+  const EpsilonSearch above = search(static_cast<std::size_t>(2 * needed));
+  CHECK(above.reached == Approx(2 * needed).epsilon(0.02));
+}
+
 TEST_CASE("run_pipeline: a wanted number of vertices goes where it lowers the distance",
           "[pipeline][unit]") {
   // a large ball and a small one: the local feature size gives both as many vertices, though the

@@ -426,6 +426,18 @@ TEST_CASE("SizingProblem: a field does not depend on those before it", "[sizing]
   }
 }
 
+TEST_CASE("SizingProblem: without room small parts have the sizes of any other part",
+          "[sizing][unit]") {
+  const Surface surface = ball(10);
+  SizingProblem problem(surface.dense, surface.strata, surface.lfs, *surface.labels);
+  problem.drop_room();
+  const auto result = problem.field(with(5), silent_context());
+  // 14.5 over epsilon squared, as for a large ball
+  const double theory = 2 / std::sqrt(3.0) * 4 * M_PI / 25;
+  CHECK(result.stats.expected_vertices == Approx(theory).epsilon(0.1));
+  CHECK(result.stats.capped_vertices == 0);
+}
+
 TEST_CASE("SizingProblem: the estimate of the vertices is close to what the field expects",
           "[sizing][unit]") {
   for (const Surface& surface : {ball(40), lollipop()}) {

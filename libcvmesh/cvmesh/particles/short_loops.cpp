@@ -9,6 +9,7 @@
 #include <cmath>
 #include <compare>
 #include <cstddef>
+#include <functional>
 #include <limits>
 #include <numeric>
 #include <queue>
@@ -201,6 +202,24 @@ class SheetGraph {
     return edges[e].a == v ? edges[e].b : edges[e].a;
   }
 
+  // What shortest paths read of an edge, from one of its ends.
+  struct Link {
+    std::int32_t to, edge;
+    double length;
+    std::uint64_t word;
+  };
+
+  // In the order of `incident`, so that those of a vertex stand together.
+  [[nodiscard]] std::vector<Link> links() const {
+    std::vector<Link> result(incident.size());
+    for (std::size_t v = 0; v < vertices.size(); ++v)
+      for (auto n = first[v]; n < first[v + 1]; ++n) {
+        const std::int32_t e = incident[n];
+        result[n] = {other_end(e, static_cast<std::int32_t>(v)), e, edges[e].length, edges[e].word};
+      }
+    return result;
+  }
+
   std::vector<std::int32_t> vertices;  // dense vertex of each, ascending
   std::vector<Edge> edges;
   std::vector<std::array<std::int32_t, 3>> edges_of_facet;
@@ -210,57 +229,45 @@ class SheetGraph {
 // Shortest paths from one root, up to a limit. Used again and again: it clears what it touched.
 class LocalPaths {
  public:
-  explicit LocalPaths(const SheetGraph& graph)
+  /// @param links  of `graph`
+  LocalPaths(const SheetGraph& graph, const std::vector<SheetGraph::Link>& links)
       : graph_(graph),
+        links_(links),
         distance_(graph.vertices.size(), kInfinity),
         word_(graph.vertices.size(), 0),
-        parent_(graph.vertices.size(), -1) {}
+        parent_(graph.vertices.size(), -1),
+        is_settled_(graph.vertices.size(), 0) {}
 
-  const std::vector<std::int32_t>& grow(std::int32_t root, double limit) {
-    for (const auto v : reached_)
-      distance_[v] = kInfinity;
-    reached_.clear();
-    std::priority_queue<Item, std::vector<Item>, std::greater<>> queue;
-    distance_[root] = 0;
-    word_[root] = 0;
-    parent_[root] = -1;
-    queue.emplace(0, root);
-    reached_.push_back(root);
-    while (!queue.empty()) {
-      const auto [d, v] = queue.top();
-      queue.pop();
-      if (d > distance_[v]) continue;
-      for (auto n = graph_.first[v]; n < graph_.first[v + 1]; ++n) {
-        const auto e = graph_.incident[n];
-        const auto w = graph_.other_end(e, v);
-        const double next = d + graph_.edges[e].length;
-        if (next > limit || next >= distance_[w]) continue;
-        if (distance_[w] == kInfinity) reached_.push_back(w);
-        distance_[w] = next;
-        word_[w] = word_[v] ^ graph_.edges[e].word;
-        parent_[w] = e;
-        queue.emplace(next, w);
-      }
-    }
+  // The vertices within `limit` of the root.
+  const std::vector<std::int32_t>& reach(std::int32_t root, double limit) {
+    grow(root, limit, [](double, std::int32_t) { return true; });
     return reached_;
   }
 
-  // The shortest loop through the root of `grow` that bounds nothing, among the paths found.
-  [[nodiscard]] Loop shortest_loop() const {
+  // The shortest loop through the root that bounds nothing, among the shortest paths up to `limit`
+  // and the edges between them.
+  //
+  // A loop of length l closes between two vertices no farther than l / 2 from the root, because
+  // their distances differ by the length of the closing edge at most. So the paths need not grow
+  // beyond half of the shortest loop so far.
+  [[nodiscard]] Loop shortest_loop(std::int32_t root, double limit) {
+    constexpr double kHalf = 0.5 + 1e-9;  // rounding may not cost the last candidates
     double best = kInfinity;
     std::int32_t closing = -1;
-    for (const auto v : reached_)
+    grow(root, limit, [&](double d, std::int32_t v) {
+      if (d > kHalf * best) return false;
       for (auto n = graph_.first[v]; n < graph_.first[v + 1]; ++n) {
-        const auto e = graph_.incident[n];
+        const auto& [w, e, edge_length, word] = links_[n];
+        if (is_settled_[w] == 0 || (word_[v] ^ word_[w] ^ word) == 0) continue;
         const Edge& edge = graph_.edges[e];
-        if (edge.a != v || distance_[edge.b] == kInfinity) continue;
-        if ((word_[edge.a] ^ word_[edge.b] ^ edge.word) == 0) continue;
-        const double length = distance_[edge.a] + distance_[edge.b] + edge.length;
+        const double length = distance_[edge.a] + distance_[edge.b] + edge_length;
         if (length < best || (length == best && e < closing)) {
           best = length;
           closing = e;
         }
       }
+      return true;
+    });
     Loop loop;
     loop.length = best;
     if (closing < 0) return loop;
@@ -274,6 +281,41 @@ class LocalPaths {
  private:
   using Item = std::pair<double, std::int32_t>;
 
+  // Calls on_settled(distance, vertex) in ascending order until it returns false.
+  template <typename OnSettled>
+  void grow(std::int32_t root, double limit, const OnSettled& on_settled) {
+    for (const auto v : reached_) {
+      distance_[v] = kInfinity;
+      is_settled_[v] = 0;
+    }
+    reached_.clear();
+    queue_.clear();
+    distance_[root] = 0;
+    word_[root] = 0;
+    parent_[root] = -1;
+    queue_.emplace_back(0, root);
+    reached_.push_back(root);
+    while (!queue_.empty()) {
+      const auto [d, v] = queue_.front();
+      std::pop_heap(queue_.begin(), queue_.end(), std::greater<>());
+      queue_.pop_back();
+      if (d > distance_[v]) continue;
+      is_settled_[v] = 1;
+      if (!on_settled(d, v)) return;
+      for (auto n = graph_.first[v]; n < graph_.first[v + 1]; ++n) {
+        const auto& [w, e, length, word] = links_[n];
+        const double next = d + length;
+        if (next > limit || next >= distance_[w]) continue;
+        if (distance_[w] == kInfinity) reached_.push_back(w);
+        distance_[w] = next;
+        word_[w] = word_[v] ^ word;
+        parent_[w] = e;
+        queue_.emplace_back(next, w);
+        std::push_heap(queue_.begin(), queue_.end(), std::greater<>());
+      }
+    }
+  }
+
   [[nodiscard]] std::vector<std::int32_t> path_from(std::int32_t v) const {
     std::vector<std::int32_t> path{v};
     while (parent_[v] >= 0)
@@ -282,21 +324,25 @@ class LocalPaths {
   }
 
   const SheetGraph& graph_;
+  const std::vector<SheetGraph::Link>& links_;
   std::vector<double> distance_;
   std::vector<std::uint64_t> word_;
   std::vector<std::int32_t> parent_, reached_;  // parent_: edge towards the root
+  std::vector<std::uint8_t> is_settled_;
+  std::vector<Item> queue_;  // a heap, the nearest first
 };
 
 std::vector<std::int32_t> spread_roots(const SheetGraph& graph,
+                                       const std::vector<SheetGraph::Link>& links,
                                        const std::vector<bool>& is_open,
                                        const std::vector<double>& h) {
   std::vector<bool> is_covered(graph.vertices.size(), false);
   std::vector<std::int32_t> roots;
-  LocalPaths paths(graph);
+  LocalPaths paths(graph, links);
   for (std::size_t v = 0; v < graph.vertices.size(); ++v) {
     if (is_covered[v] || !is_open[v]) continue;
     roots.push_back(static_cast<std::int32_t>(v));
-    for (const auto w : paths.grow(roots.back(), kRootSpacing * h[v]))
+    for (const auto w : paths.reach(roots.back(), kRootSpacing * h[v]))
       is_covered[w] = true;
   }
   return roots;
@@ -305,13 +351,12 @@ std::vector<std::int32_t> spread_roots(const SheetGraph& graph,
 // The shortest loop near `root`, if it is too short for h there. A narrow place one root spacing
 // away is seen as a loop longer by two spacings.
 Loop find_short_loop(LocalPaths& paths, std::int32_t root, const std::vector<double>& h) {
-  paths.grow(root, 0.5 * (kStepsPerLoop + 2 * kRootSpacing) * h[root]);
-  Loop loop = paths.shortest_loop();
+  Loop loop = paths.shortest_loop(root, 0.5 * (kStepsPerLoop + 2 * kRootSpacing) * h[root]);
   for (int round = 0; round < kTightenRounds && !loop.vertices.empty(); ++round) {
     Loop best = loop;
     for (const std::size_t part : {1U, 2U, 3U}) {
-      paths.grow(loop.vertices[part * loop.vertices.size() / 4], 0.51 * loop.length);
-      Loop other = paths.shortest_loop();
+      Loop other =
+          paths.shortest_loop(loop.vertices[part * loop.vertices.size() / 4], 0.51 * loop.length);
       if (other.length < best.length) best = std::move(other);
     }
     if (!(best.length < loop.length)) break;
@@ -320,38 +365,48 @@ Loop find_short_loop(LocalPaths& paths, std::int32_t root, const std::vector<dou
   return loop;
 }
 
-void limit_growth(const SheetGraph& graph, double delta, std::vector<double>& h) {
+void limit_growth(const SheetGraph& graph,
+                  const std::vector<SheetGraph::Link>& links,
+                  double delta,
+                  std::vector<double>& h) {
   using Item = std::pair<double, std::int32_t>;
   std::priority_queue<Item, std::vector<Item>, std::greater<>> queue;
-  for (std::size_t v = 0; v < h.size(); ++v)
-    queue.emplace(h[v], static_cast<std::int32_t>(v));
+  const auto visit_higher = [&](std::int32_t v, double value, const auto& visit) {
+    for (auto n = graph.first[v]; n < graph.first[v + 1]; ++n) {
+      const double bound = value + delta * links[n].length;
+      if (bound < h[links[n].to]) visit(links[n].to, bound);
+    }
+  };
+  for (std::size_t n = 0; n < h.size(); ++n) {
+    const auto v = static_cast<std::int32_t>(n);
+    bool is_source = false;
+    visit_higher(v, h[n], [&](std::int32_t, double) { is_source = true; });
+    if (is_source) queue.emplace(h[n], v);
+  }
   while (!queue.empty()) {
     const auto [value, v] = queue.top();
     queue.pop();
     if (value > h[v]) continue;
-    for (auto n = graph.first[v]; n < graph.first[v + 1]; ++n) {
-      const auto e = graph.incident[n];
-      const auto w = graph.other_end(e, v);
-      const double bound = value + delta * graph.edges[e].length;
-      if (bound >= h[w]) continue;
+    visit_higher(v, value, [&](std::int32_t w, double bound) {
       h[w] = bound;
       queue.emplace(bound, w);
-    }
+    });
   }
 }
 
 // One round of roots among the open vertices.
 bool lower_along_loops(const SheetGraph& graph,
+                       const std::vector<SheetGraph::Link>& links,
                        const std::vector<bool>& is_open,
                        const std::vector<double>& h,
                        std::vector<double>& lowered) {
-  const auto roots = spread_roots(graph, is_open, h);
+  const auto roots = spread_roots(graph, links, is_open, h);
   std::vector<Loop> loops(roots.size());
   const std::size_t tasks = (roots.size() + kRootsPerTask - 1) / kRootsPerTask;
   parallel_for_each_index(
       0, tasks,
       [&](std::size_t t) {
-        LocalPaths paths(graph);
+        LocalPaths paths(graph, links);
         const std::size_t end = std::min(roots.size(), (t + 1) * kRootsPerTask);
         for (std::size_t r = t * kRootsPerTask; r < end; ++r)
           loops[r] = find_short_loop(paths, roots[r], h);
@@ -370,7 +425,10 @@ bool lower_along_loops(const SheetGraph& graph,
 // The Voronoi cells of particles along the edges of a sheet.
 class Cells {
  public:
-  Cells(const SheetGraph& graph, std::vector<std::int32_t> sources)
+  /// @param links  of `graph`
+  Cells(const SheetGraph& graph,
+        const std::vector<SheetGraph::Link>& links,
+        std::vector<std::int32_t> sources)
       : graph_(graph),
         distance_(graph.vertices.size(), kInfinity),
         word_(graph.vertices.size(), 0),
@@ -394,13 +452,12 @@ class Cells {
       queue.pop();
       if (d > distance_[v] || owner != owner_[v]) continue;
       for (auto n = graph.first[v]; n < graph.first[v + 1]; ++n) {
-        const auto e = graph.incident[n];
-        const auto w = graph.other_end(e, v);
-        const double next = d + graph.edges[e].length;
+        const auto& [w, e, length, word] = links[n];
+        const double next = d + length;
         if (next >= distance_[w]) continue;
         distance_[w] = next;
         owner_[w] = owner;
-        word_[w] = word_[v] ^ graph.edges[e].word;
+        word_[w] = word_[v] ^ word;
         queue.emplace(next, owner, w);
       }
     }
@@ -492,11 +549,12 @@ bool lower_h_at_short_loops(const InterfaceMesh& dense,
   // Loops lie as far apart as their roots: between them h is still too large, but less so. Each
   // round looks closer where the last one found something.
   std::vector<bool> is_open = is_on_cut;
+  const std::vector<SheetGraph::Link> links = graph.links();
   bool is_changed = false;
   for (int round = 0; round < kRounds; ++round) {
     std::vector<double> lowered = h;
-    if (!lower_along_loops(graph, is_open, h, lowered)) break;
-    limit_growth(graph, kGrowth * delta, lowered);
+    if (!lower_along_loops(graph, links, is_open, h, lowered)) break;
+    limit_growth(graph, links, kGrowth * delta, lowered);
     for (std::size_t v = 0; v < h.size(); ++v)
       is_open[v] = is_on_cut[v] && lowered[v] < h[v];
     h = std::move(lowered);
@@ -510,12 +568,14 @@ bool lower_h_at_short_loops(const InterfaceMesh& dense,
 
 struct LoopTest::Sheet {
   SheetGraph graph;
+  std::vector<SheetGraph::Link> links;
 };
 
 LoopTest::LoopTest(const InterfaceMesh& dense, const std::vector<std::int32_t>& facets) {
   SheetGraph graph(dense, facets);
-  if (graph.find_cocycle(SheetGraph::Rim::Counts))
-    sheet_ = std::make_unique<Sheet>(Sheet{std::move(graph)});
+  if (!graph.find_cocycle(SheetGraph::Rim::Counts)) return;
+  std::vector<SheetGraph::Link> links = graph.links();
+  sheet_ = std::make_unique<Sheet>(Sheet{std::move(graph), std::move(links)});
 }
 
 LoopTest::~LoopTest() = default;
@@ -525,7 +585,7 @@ std::vector<std::int32_t> LoopTest::missing(
     const std::vector<std::int32_t>& particle_vertices) const {
   std::vector<std::int32_t> result;
   if (!sheet_) return result;
-  for (const auto v : Cells(sheet_->graph, particle_vertices).vertices_for_loops())
+  for (const auto v : Cells(sheet_->graph, sheet_->links, particle_vertices).vertices_for_loops())
     result.push_back(sheet_->graph.vertices[v]);
   return result;
 }

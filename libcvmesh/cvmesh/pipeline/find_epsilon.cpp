@@ -53,6 +53,7 @@ CountSearchResult find_epsilon(const std::function<double(double)>& count_at,
       best.count = count;
     }
     best.is_reached = error <= options.tolerance;
+    if (!best.is_reached && options.is_out_of_reach && options.is_out_of_reach()) break;
 
     before = round == 1 ? Trial{log_epsilon, 0} : last;
     last = {log_epsilon, std::log(std::max(count, 1.0) / options.target)};

@@ -11,6 +11,8 @@ struct CountSearchOptions {
   double slope = -2;        ///< of log count over log epsilon, as far as known: that of areas
   double tolerance = 0.02;  ///< relative, on the count
   int max_rounds = 8;       ///< evaluations of the count
+  /// Asked after every round that missed the target: whether no epsilon will do. Then that is it.
+  std::function<bool()> is_out_of_reach{};
 };
 
 struct CountSearchResult {

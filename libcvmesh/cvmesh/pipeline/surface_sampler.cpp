@@ -84,10 +84,12 @@ Sampling SurfaceSampler::sample_to_target(const SizingOptions& options, std::siz
   Sampling best;
   StageResults best_stages;
   double best_error = -1;
+  double guards = 0;  // of the last round
   const auto actual = [&](double factor) {
     Sampling sampling = sample(scaled(options, factor));
     const double count = static_cast<double>(sampling.particles.particles.size());
     const double error = std::abs(count - wanted);
+    guards = count - run_.report.stages.sizing_field->expected_vertices;
     if (best_error < 0 || error < best_error) {
       best_error = error;
       best = std::move(sampling);
@@ -95,10 +97,14 @@ Sampling SurfaceSampler::sample_to_target(const SizingOptions& options, std::siz
     }
     return count;
   };
+  // A coarser field has fewer vertices, but curves, loops and small parts keep theirs: the coarser
+  // it is, the more of them it does not know of.
+  const auto is_out_of_reach = [&] { return guards > (1 + kTargetTolerance) * wanted; };
   const CountSearchResult found = find_epsilon(actual, {.target = wanted,
                                                         .start = first.epsilon,
                                                         .tolerance = kTargetTolerance,
-                                                        .max_rounds = kActualRounds});
+                                                        .max_rounds = kActualRounds,
+                                                        .is_out_of_reach = is_out_of_reach});
   run_.report.stages = std::move(best_stages);
   run_.report.stages.epsilon_search =
       EpsilonSearch{"target_vertices", wanted, found.count,
@@ -122,6 +128,24 @@ const SizingProblem& SurfaceSampler::problem() {
     medial_axis_ = {};
   }
   return *problem_;
+}
+
+// Small closed parts have sizes that no epsilon moves, and what grows from these by delta takes
+// vertices around them. Where that alone exceeds what is wanted, the sizes forget them: the guards
+// among the particles keep their topology with far fewer.
+void SurfaceSampler::drop_room_beyond(const SizingOptions& options, double wanted) {
+  constexpr double kCoarsest = 1e6;
+  is_room_checked_ = true;
+  const double least = problem().estimate_vertices(scaled(options, kCoarsest));
+  if (least <= wanted) return;
+  problem_->drop_room();
+  run_.context.log->warn(
+      "{}: {:.0f} vertices are wanted, but small closed parts and curves, and edges that grow from "
+      "theirs by delta ({:g}), take {:.0f} at any epsilon; now these parts get no more than "
+      "their topology needs. min_island_voxels drops small parts, a larger delta or target needs "
+      "no "
+      "such cut",
+      stage_names::kSizingField, wanted, options.delta, least);
 }
 
 // Epsilon then multiplies the sizes that spend `wanted` vertices where they bring the facets
@@ -150,6 +174,7 @@ double SurfaceSampler::epsilon_of(const SizingOptions& options,
 }
 
 CountSearchResult SurfaceSampler::search_expected(const SizingOptions& options, double wanted) {
+  if (!is_room_checked_) drop_room_beyond(options, wanted);
   if (run_.request.parameters.target_sizes == TargetSizes::Deviation && !is_based_on_deviation_)
     base_on_deviation(options, wanted);
   const auto estimate = [&](double factor) {

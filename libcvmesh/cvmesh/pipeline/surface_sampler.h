@@ -31,7 +31,8 @@ class SurfaceSampler {
   Sampling sample(const SizingOptions& options, std::span<const double> cap_mm = {});
 
   /// The sampling whose particles come nearest to `target`. First a search that computes sizing
-  /// fields only, then a few rounds with real particles.
+  /// fields only, then a few rounds with real particles: one, where what topology asks for beyond
+  /// the field exceeds the target alone.
   Sampling sample_to_target(const SizingOptions& options, std::size_t target);
 
   /// The epsilon that a field found with `factor` amounts to.
@@ -49,6 +50,7 @@ class SurfaceSampler {
  private:
   SizingResult size(const SizingOptions& options, std::span<const double> cap_mm);
   const SizingProblem& problem();
+  void drop_room_beyond(const SizingOptions& options, double wanted);
   void base_on_deviation(const SizingOptions& options, double wanted);
 
   Run& run_;
@@ -56,6 +58,7 @@ class SurfaceSampler {
   const LevelSets& level_sets_;
   MedialAxis medial_axis_;
   std::optional<SizingProblem> problem_;
+  bool is_room_checked_ = false;
   bool is_based_on_deviation_ = false;
   std::optional<std::pair<SizingOptions, SizingResult>> searched_;  ///< the search's last field
 };

@@ -10,6 +10,7 @@
 #include "cvmesh/sizing/sizing_field.h"
 
 #include <cstddef>
+#include <limits>
 #include <map>
 #include <optional>
 #include <span>
@@ -116,6 +117,10 @@ class SizingProblem {
   /// From now on epsilon multiplies these lengths, one per dense vertex, instead of the local
   /// feature size and its floor.
   void set_base(std::vector<double> base_mm) { base_mm_ = std::move(base_mm); }
+
+  /// From now on the two caps that leave room on small closed parts do not count: their h is that
+  /// of any other part.
+  void drop_room() { room_mm_.assign(room_mm_.size(), std::numeric_limits<double>::infinity()); }
 
  private:
   // A third of the area of one patch's facets around a vertex.

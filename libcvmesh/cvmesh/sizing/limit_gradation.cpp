@@ -7,6 +7,7 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <functional>
 #include <utility>
 
 namespace cvmesh {
@@ -286,37 +287,118 @@ class Sweeper {
 
 // ---- the surface -----------------------------------------------------------------------------
 
-// Vertices in ascending order of a value, in buckets of equal width.
-class BucketQueue {
+// Lowers values along edges, part by part. A part is a run of consecutive vertices; those of the
+// dense surface are numbered along a curve, so they lie close together, and what a part reads stays
+// in the cache. Inside a part the lowest value goes first, which settles it in one pass;
+// what crosses to another part is a mark there, for the next round. Parts of one round run
+// in parallel: values only fall, each by compare and exchange, and a mark is set after the value
+// that it tells of, so nothing is missed.
+class EdgeLimiter {
  public:
-  BucketQueue(double lowest, double highest)
-      : lowest_(lowest), per_bucket_(highest > lowest ? kBuckets / (highest - lowest) : 0) {}
+  EdgeLimiter(const std::vector<Vec3>& points,
+              const VertexNeighbours& neighbours,
+              double delta,
+              std::vector<double>& values)
+      : points_(points),
+        neighbours_(neighbours),
+        delta_(delta),
+        values_(values),
+        is_due_(values.size(), 0),
+        part_is_due_((values.size() + kPart - 1) / kPart, 0) {}
 
-  void push(std::int32_t vertex, double value) { buckets_[bucket_of(value)].push_back(vertex); }
-
-  // Calls visit(vertex) for each vertex that is pushed, during the visits too. One that was pushed
-  // again for a lower value is visited there only: `value_of(vertex)` tells.
-  template <typename ValueOf, typename Visit>
-  void visit_all(const ValueOf& value_of, const Visit& visit) {
-    for (std::size_t b = 0; b < buckets_.size(); ++b) {
-      for (std::size_t n = 0; n < buckets_[b].size(); ++n) {
-        const std::int32_t vertex = buckets_[b][n];
-        if (bucket_of(value_of(vertex)) == b) visit(vertex);
-      }
-      buckets_[b] = {};
-    }
+  void run() {
+    parallel_for_each_index(
+        0, part_is_due_.size(), [&](std::size_t part) { begin(part); }, 1);
+    for (std::vector<std::size_t> due = due_parts(); !due.empty(); due = due_parts())
+      parallel_for_each_index(
+          0, due.size(), [&](std::size_t n) { settle(due[n]); }, 1);
   }
 
  private:
-  static constexpr std::size_t kBuckets = 4096;
+  using Item = std::pair<double, std::int32_t>;  // of the queue: value, vertex
 
-  [[nodiscard]] std::size_t bucket_of(double value) const {
-    const double place = (value - lowest_) * per_bucket_;
-    return place < kBuckets - 1 ? static_cast<std::size_t>(std::max(place, 0.0)) : kBuckets - 1;
+  static constexpr std::size_t kPart = 4096;
+
+  [[nodiscard]] std::size_t end_of(std::size_t part) const {
+    return std::min(values_.size(), (part + 1) * kPart);
   }
 
-  double lowest_, per_bucket_;
-  std::vector<std::vector<std::int32_t>> buckets_{kBuckets};
+  [[nodiscard]] std::vector<std::size_t> due_parts() const {
+    std::vector<std::size_t> due;
+    for (std::size_t part = 0; part < part_is_due_.size(); ++part)
+      if (part_is_due_[part] != 0) due.push_back(part);
+    return due;
+  }
+
+  // Before the first round a vertex is due when it has a neighbour to lower.
+  void begin(std::size_t part) {
+    for (std::size_t v = part * kPart; v < end_of(part); ++v)
+      visit_higher(static_cast<std::int32_t>(v), values_[v],
+                   [&](std::int32_t, double) { is_due_[v] = part_is_due_[part] = 1; });
+  }
+
+  void settle(std::size_t part) {
+    const std::size_t first = part * kPart, end = end_of(part);
+    std::vector<Item> queue;
+    take(part_is_due_[part]);
+    for (std::size_t v = first; v < end; ++v)
+      if (take(is_due_[v])) queue.emplace_back(load(v), static_cast<std::int32_t>(v));
+    std::make_heap(queue.begin(), queue.end(), std::greater<>());
+    while (!queue.empty()) {
+      const auto [value, v] = queue.front();
+      std::pop_heap(queue.begin(), queue.end(), std::greater<>());
+      queue.pop_back();
+      if (load(static_cast<std::size_t>(v)) < value) continue;  // it is due again
+      visit_higher(v, value, [&](std::int32_t to, double lower_value) {
+        const auto w = static_cast<std::size_t>(to);
+        if (!lower(values_[w], lower_value)) return;
+        if (w >= first && w < end) {
+          queue.emplace_back(lower_value, to);
+          std::push_heap(queue.begin(), queue.end(), std::greater<>());
+        } else {
+          mark(is_due_[w]);
+          mark(part_is_due_[w / kPart]);
+        }
+      });
+    }
+  }
+
+  template <typename Visit>
+  void visit_higher(std::int32_t v, double value, const Visit& visit) const {
+    for (auto n = neighbours_.first[v]; n < neighbours_.first[v + 1]; ++n) {
+      const std::int32_t w = neighbours_.vertex[n];
+      const double limit = value + delta_ * distance(points_[v], points_[w]);
+      if (limit < load(static_cast<std::size_t>(w))) visit(w, limit);
+    }
+  }
+
+  [[nodiscard]] double load(std::size_t v) const {
+    return std::atomic_ref<double>(values_[v]).load(std::memory_order_relaxed);
+  }
+
+  static bool lower(double& at, double value) {
+    const std::atomic_ref<double> ref(at);
+    double old = ref.load(std::memory_order_relaxed);
+    while (value < old)
+      if (ref.compare_exchange_weak(old, value, std::memory_order_relaxed)) return true;
+    return false;
+  }
+
+  static void mark(std::uint8_t& flag) {
+    std::atomic_ref<std::uint8_t>(flag).store(1, std::memory_order_release);
+  }
+
+  static bool take(std::uint8_t& flag) {
+    const std::atomic_ref<std::uint8_t> ref(flag);
+    return ref.load(std::memory_order_relaxed) != 0 &&
+           ref.exchange(0, std::memory_order_acquire) != 0;
+  }
+
+  const std::vector<Vec3>& points_;
+  const VertexNeighbours& neighbours_;
+  double delta_;
+  std::vector<double>& values_;
+  std::vector<std::uint8_t> is_due_, part_is_due_;
 };
 
 }  // namespace
@@ -390,29 +472,7 @@ void limit_along_edges(const std::vector<Vec3>& points,
                        const VertexNeighbours& neighbours,
                        double delta,
                        std::vector<double>& values) {
-  if (values.empty()) return;
-  const auto visit_higher = [&](std::size_t v, const auto& visit) {
-    for (auto n = neighbours.first[v]; n < neighbours.first[v + 1]; ++n) {
-      const std::int32_t w = neighbours.vertex[n];
-      const double value = values[v] + delta * distance(points[v], points[w]);
-      if (value < values[w]) visit(w, value);
-    }
-  };
-  std::vector<std::uint8_t> is_source(values.size(), 0);
-  parallel_for_each_index(0, values.size(), [&](std::size_t v) {
-    visit_higher(v, [&](std::int32_t, double) { is_source[v] = 1; });
-  });
-  const auto [lowest, highest] = std::minmax_element(values.begin(), values.end());
-  BucketQueue queue(*lowest, *highest);
-  for (std::size_t v = 0; v < values.size(); ++v)
-    if (is_source[v] != 0) queue.push(static_cast<std::int32_t>(v), values[v]);
-  queue.visit_all([&](std::int32_t v) { return values[v]; },
-                  [&](std::int32_t v) {
-                    visit_higher(static_cast<std::size_t>(v), [&](std::int32_t w, double value) {
-                      values[w] = value;
-                      queue.push(w, value);
-                    });
-                  });
+  EdgeLimiter(points, neighbours, delta, values).run();
 }
 
 }  // namespace cvmesh

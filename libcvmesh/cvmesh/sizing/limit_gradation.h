@@ -43,8 +43,8 @@ VertexNeighbours find_vertex_neighbours(const InterfaceMesh& mesh, const VertexS
 
 /// Lowers `values` at the vertices until no two ends of an edge differ by more than `delta` times
 /// its length. The result is the largest such function below the values, so it does not depend on
-/// the order of the updates, not even in its last bits. Linear, as long as the values spread over
-/// their range.
+/// the order of the updates, not even in its last bits. Parallel; fast where vertices with near
+/// numbers lie near to each other.
 void limit_along_edges(const std::vector<Vec3>& points,
                        const VertexNeighbours& neighbours,
                        double delta,

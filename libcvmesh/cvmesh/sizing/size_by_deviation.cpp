@@ -13,6 +13,8 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <memory>
+#include <numeric>
 #include <utility>
 
 namespace cvmesh {
@@ -35,14 +37,14 @@ struct Cluster {
 };
 
 struct Clusters {
-  std::vector<Cluster> list;
+  std::vector<Cluster> list;           // those of a patch stand together
   std::vector<Vec3> centroid;          // of each cluster
   std::vector<std::int32_t> at_facet;  // cluster of each facet
 };
 
 struct Place {
-  std::array<std::int32_t, 3> cell;
   std::int32_t patch;
+  std::array<std::int32_t, 3> cell;
   std::uint8_t octant;
   std::int32_t facet;
 
@@ -97,8 +99,49 @@ Clusters find_clusters(const InterfaceMesh& dense, const Strata& strata, double 
   return clusters;
 }
 
-// How far the clusters around one, of its patch and facing its way, lie off their best plane (root
-// mean square).
+// The clusters of one patch, to be searched.
+class PatchClusters {
+ public:
+  PatchClusters(const Clusters& clusters, std::size_t begin, std::size_t end)
+      : first_(static_cast<std::int32_t>(begin)),
+        centroid_(clusters.centroid.begin() + static_cast<std::ptrdiff_t>(begin),
+                  clusters.centroid.begin() + static_cast<std::ptrdiff_t>(end)),
+        tree_(centroid_) {}
+
+  // Ascending.
+  void within(const Vec3& p, double radius, std::vector<std::int32_t>& found) const {
+    tree_.within(p, radius, found);
+    for (auto& n : found)
+      n += first_;
+  }
+
+ private:
+  std::int32_t first_;
+  std::vector<Vec3> centroid_;
+  NeighbourTree tree_;
+};
+
+// One for each patch. Where thin materials lie on each other most of what is near is of another
+// patch.
+std::vector<std::unique_ptr<PatchClusters>> sort_by_patch(const Clusters& clusters,
+                                                          std::size_t patch_count) {
+  std::vector<std::size_t> first(patch_count + 1, 0);
+  for (const Cluster& cluster : clusters.list)
+    ++first[static_cast<std::size_t>(cluster.patch) + 1];
+  std::partial_sum(first.begin(), first.end(), first.begin());
+  std::vector<std::unique_ptr<PatchClusters>> patches(patch_count);
+  parallel_for_each_index(
+      0, patch_count,
+      [&](std::size_t p) {
+        if (first[p] < first[p + 1])
+          patches[p] = std::make_unique<PatchClusters>(clusters, first[p], first[p + 1]);
+      },
+      1);
+  return patches;
+}
+
+// How far the clusters around one that face its way lie off their best plane (root mean square).
+// @param around  of its patch
 double deviation_around(const Clusters& clusters,
                         std::size_t n,
                         const std::vector<std::int32_t>& around) {
@@ -109,7 +152,7 @@ double deviation_around(const Clusters& clusters,
   Eigen::Matrix3d second = Eigen::Matrix3d::Zero();
   for (const auto m : around) {
     const Cluster& other = clusters.list[static_cast<std::size_t>(m)];
-    if (other.patch != here.patch || dot(other.normal, here.normal) <= 0) continue;
+    if (dot(other.normal, here.normal) <= 0) continue;
     const Vec3 d = clusters.centroid[static_cast<std::size_t>(m)] - origin;
     const Eigen::Vector3d x(d.x, d.y, d.z);
     mass += other.area_mm2;
@@ -149,14 +192,15 @@ std::vector<double> size_by_deviation(const InterfaceMesh& dense,
   const double reach_mm = std::max(kReach * mean_edge_mm, voxel_mm);
   const Clusters clusters = find_clusters(dense, strata, kCell * reach_mm);
 
-  const NeighbourTree tree(clusters.centroid);
+  const auto patches = sort_by_patch(clusters, strata.patches.size());
   std::vector<double> deviation(clusters.list.size());
   constexpr std::size_t kGrain = 256;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, deviation.size(), kGrain),
                     [&](const tbb::blocked_range<std::size_t>& range) {
                       std::vector<std::int32_t> around;
                       for (std::size_t n = range.begin(); n != range.end(); ++n) {
-                        tree.within(clusters.centroid[n], reach_mm, around);
+                        patches[static_cast<std::size_t>(clusters.list[n].patch)]->within(
+                            clusters.centroid[n], reach_mm, around);
                         deviation[n] = deviation_around(clusters, n, around);
                       }
                     });
