@@ -401,105 +401,128 @@ void MaterialSurfaces::flip_edge(std::int32_t a, std::int32_t b) {
   give_samples(sample_list, pair);
 }
 
-void MaterialSurfaces::remove_vertex(std::int32_t vertex,
-                                     std::span<const Sheet> sheets,
-                                     std::span<const Triangulation> triangulations,
-                                     std::span<const std::uint16_t> heirs,
-                                     std::vector<std::int32_t>& created) {
-  created.clear();
+void MaterialSurfaces::remove_vertices(std::span<const Removal> removals,
+                                       const std::function<void()>& meanwhile) {
+  std::vector<MaterialId> materials;
+  for (const Removal& removal : removals) {
+    replace_facets(removal);
+    for (const Copy& copy : copies_[removal.vertex])
+      materials.push_back(copy.material);
+  }
+  std::sort(materials.begin(), materials.end());
+  materials.erase(std::unique(materials.begin(), materials.end()), materials.end());
+  // Each mesh has its own lists of free elements, and of a facet only the face on its own side.
+  parallel_for_each_index(
+      0, materials.size() + 1,
+      [&](std::size_t task) {
+        if (task == 0) return meanwhile();
+        for (const Removal& removal : removals)
+          remove_copy(materials[task - 1], removal);
+      },
+      1);
+  for (const Removal& removal : removals)
+    copies_[removal.vertex].clear();
+  vertex_count_ -= removals.size();
+}
 
-  // New facets take the places of the sheets' old ones.
-  struct Diagonal {
-    std::int32_t a, b;
-    PatchKey patch;
-  };
-
-  boost::container::small_vector<Diagonal, 16> diagonals;
-  bool has_single = false;
-  for (const Sheet& sheet : sheets)
-    has_single |= !sheet.is_disk && sheet.facets.size() == 1;
+// All but the halfedge meshes. New facets take the places of the sheets' old ones.
+void MaterialSurfaces::replace_facets(const Removal& removal) {
   boost::container::small_vector<std::int32_t, 24> star;
-  for (const Sheet& sheet : sheets)
+  for (const Sheet& sheet : removal.sheets)
     star.insert(star.end(), sheet.facets.begin(), sheet.facets.end());
-  samples_.push_back(points_[vertex]);
+  samples_.push_back(points_[removal.vertex]);
   next_sample_.push_back(take_samples({star.data(), star.size()}));
   const auto own_sample = static_cast<std::int32_t>(samples_.size() - 1);
 
-  for (std::size_t s = 0; s < sheets.size(); ++s) {
-    const Sheet& sheet = sheets[s];
-    const auto n = static_cast<int>(sheet.ring.size());
-    for (std::size_t t = 0; t < triangulations[s].size(); ++t) {
-      const auto& triangle = triangulations[s][t];
+  for (std::size_t s = 0; s < removal.sheets.size(); ++s) {
+    const Sheet& sheet = removal.sheets[s];
+    const Triangulation& triangulation = removal.triangulations[s];
+    for (std::size_t t = 0; t < triangulation.size(); ++t) {
+      const auto& [i, j, k] = triangulation[t];
       facets_[sheet.facets[t]] = {
-          {sheet.ring[triangle[0]], sheet.ring[triangle[1]], sheet.ring[triangle[2]]},
-          sheet.patch,
-          {},
-          {},
-          -1,
-          true};
-      created.push_back(sheet.facets[t]);
-      for (int c = 0; c < 3; ++c) {
-        const int i = triangle[c], j = triangle[(c + 1) % 3];
-        const bool is_side = j == i + 1 || (j == 0 && i == n - 1);
-        if (i < j && !is_side) diagonals.push_back({sheet.ring[i], sheet.ring[j], sheet.patch});
-      }
+          {sheet.ring[i], sheet.ring[j], sheet.ring[k]}, sheet.patch, {}, {}, -1, true};
     }
-    for (std::size_t f = triangulations[s].size(); f < sheet.facets.size(); ++f) {
+    for (std::size_t f = triangulation.size(); f < sheet.facets.size(); ++f) {
       facets_[sheet.facets[f]].is_alive = false;
       free_facets_.push_back(sheet.facets[f]);
     }
   }
+  give_to_heirs(own_sample, removal.heirs, created_by(removal));
+}
 
-  for (const Copy& copy : copies_[vertex]) {
-    const MaterialId m = copy.material;
-    HalfedgeMesh& mesh = meshes_[m];
-    Halfedge ring = CGAL::Euler::remove_center_vertex(mesh.halfedge(copy.vertex), mesh);
-    boost::container::small_vector<Halfedge, 32> loose;  // one halfedge or more of every new face
-    {
-      Halfedge h = ring;
-      do {
-        loose.push_back(h);
-        h = mesh.next(h);
-      } while (h != ring);
-    }
-    const auto cut = [&](std::int32_t a, std::int32_t b) {
-      // the face that still has both ends: look through the faces around a
-      for (std::size_t n = 0; n < loose.size(); ++n) {
-        const Halfedge at_a = loose[n];
-        if (vertex_id_[m][mesh.target(at_a)] != a) continue;
-        for (Halfedge h = mesh.next(at_a); h != at_a; h = mesh.next(h)) {
-          if (vertex_id_[m][mesh.target(h)] != b) continue;
-          const Halfedge diagonal = CGAL::Euler::split_face(at_a, h, mesh);
-          loose.push_back(diagonal);
-          loose.push_back(mesh.opposite(diagonal));
-          return;
-        }
-      }
-      throw Error(ErrorCode::Internal, "surfaces", "a diagonal has no face to split");
-    };
-    bool is_on_curve = false;
-    for (const Sheet& sheet : sheets) {
-      if (sheet.is_disk || (sheet.patch.sides.inside != m && sheet.patch.sides.outside != m))
-        continue;
-      if (!is_on_curve && !has_single) cut(sheet.ring.front(), sheet.ring.back());
-      // a mesh that the vanishing sheet does not touch needs the closing edge as well
-      if (!is_on_curve && has_single) {
-        bool is_single_here = false;
-        for (const Sheet& other : sheets)
-          is_single_here |= other.facets.size() == 1 &&
-                            (other.patch.sides.inside == m || other.patch.sides.outside == m);
-        if (!is_single_here) cut(sheet.ring.front(), sheet.ring.back());
-      }
-      is_on_curve = true;
-    }
-    for (const Diagonal& d : diagonals)
-      if (d.patch.sides.inside == m || d.patch.sides.outside == m) cut(d.a, d.b);
-    for (const Halfedge h : loose)
-      attach(m, h, created);
+// In the order of the triangles.
+std::vector<std::int32_t> MaterialSurfaces::created_by(const Removal& removal) {
+  std::vector<std::int32_t> created;
+  for (std::size_t s = 0; s < removal.sheets.size(); ++s) {
+    const auto& facets = removal.sheets[s].facets;
+    created.insert(created.end(), facets.begin(),
+                   facets.begin() + static_cast<std::ptrdiff_t>(removal.triangulations[s].size()));
   }
-  copies_[vertex].clear();
-  --vertex_count_;
-  give_to_heirs(own_sample, heirs, created);
+  return created;
+}
+
+// The removal in the mesh of one material, if the vertex has a copy there.
+void MaterialSurfaces::remove_copy(MaterialId m, const Removal& removal) {
+  const auto copy = std::find_if(copies_[removal.vertex].begin(), copies_[removal.vertex].end(),
+                                 [m](const Copy& c) { return c.material == m; });
+  if (copy == copies_[removal.vertex].end()) return;
+  HalfedgeMesh& mesh = meshes_[m];
+  const Halfedge ring = CGAL::Euler::remove_center_vertex(mesh.halfedge(copy->vertex), mesh);
+  boost::container::small_vector<Halfedge, 32> loose;  // one halfedge or more of every new face
+  {
+    Halfedge h = ring;
+    do {
+      loose.push_back(h);
+      h = mesh.next(h);
+    } while (h != ring);
+  }
+  const auto cut = [&](std::int32_t a, std::int32_t b) {
+    // the face that still has both ends: look through the faces around a
+    for (std::size_t n = 0; n < loose.size(); ++n) {
+      const Halfedge at_a = loose[n];
+      if (vertex_id_[m][mesh.target(at_a)] != a) continue;
+      for (Halfedge h = mesh.next(at_a); h != at_a; h = mesh.next(h)) {
+        if (vertex_id_[m][mesh.target(h)] != b) continue;
+        const Halfedge diagonal = CGAL::Euler::split_face(at_a, h, mesh);
+        loose.push_back(diagonal);
+        loose.push_back(mesh.opposite(diagonal));
+        return;
+      }
+    }
+    throw Error(ErrorCode::Internal, "surfaces", "a diagonal has no face to split");
+  };
+  cut_closing_edge(m, removal, cut);
+  for (std::size_t s = 0; s < removal.sheets.size(); ++s) {
+    const Sheet& sheet = removal.sheets[s];
+    if (!is_beside(sheet, m)) continue;
+    const auto n = static_cast<int>(sheet.ring.size());
+    for (const auto& triangle : removal.triangulations[s])
+      for (int c = 0; c < 3; ++c) {
+        const int i = triangle[c], j = triangle[(c + 1) % 3];
+        const bool is_side = j == i + 1 || (j == 0 && i == n - 1);
+        if (i < j && !is_side) cut(sheet.ring[i], sheet.ring[j]);
+      }
+  }
+  const std::vector<std::int32_t> created = created_by(removal);
+  for (const Halfedge h : loose)
+    attach(m, h, created);
+}
+
+// On a curve the neighbours along it get an edge. Where a sheet vanishes it is there already, in
+// the meshes that the sheet touches.
+template <typename Cut>
+void MaterialSurfaces::cut_closing_edge(MaterialId m, const Removal& removal, const Cut& cut) {
+  const Sheet* beside = nullptr;
+  for (const Sheet& sheet : removal.sheets) {
+    if (sheet.is_disk || !is_beside(sheet, m)) continue;
+    if (sheet.facets.size() == 1) return;
+    if (beside == nullptr) beside = &sheet;
+  }
+  if (beside != nullptr) cut(beside->ring.front(), beside->ring.back());
+}
+
+bool MaterialSurfaces::is_beside(const Sheet& sheet, MaterialId m) {
+  return sheet.patch.sides.inside == m || sheet.patch.sides.outside == m;
 }
 
 void MaterialSurfaces::add_sample(std::int32_t facet, const Vec3& position) {

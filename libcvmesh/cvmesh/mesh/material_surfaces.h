@@ -13,6 +13,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -66,6 +67,16 @@ class MaterialSurfaces {
   /// Triangles that replace a sheet, as positions in its ring.
   using Triangulation = boost::container::small_vector<std::array<std::uint8_t, 3>, 12>;
 
+  /// One of the removals of `remove_vertices`.
+  struct Removal {
+    std::int32_t vertex;
+    std::span<const Sheet> sheets;  ///< of `collect_sheets`
+    std::span<const Triangulation> triangulations;
+    /// Which of all triangles takes over a sample: for the vertex itself, then for each sample of
+    /// the sheets' facets, in their order.
+    std::span<const std::uint16_t> heirs;
+  };
+
   MaterialSurfaces() = default;
 
   /// @pre every material's facets in `mesh` form a closed 2-manifold
@@ -112,17 +123,15 @@ class MaterialSurfaces {
   /// @pre no edge joins those vertices yet
   void flip_edge(std::int32_t a, std::int32_t b);
 
-  /// Removes a vertex: each sheet's facets are replaced by its triangulation, whose facets take
-  /// over the samples of the sheet and the removed vertex itself as a sample.
+  /// Removes vertices: each sheet's facets are replaced by its triangulation, whose facets take
+  /// over the samples of the sheet and the removed vertex itself as a sample. The triangles of a
+  /// sheet get the ids of its first facets. In the order of the removals, the materials in
+  /// parallel.
+  /// @pre no two of the stars have a facet or a vertex of their rings in common
   /// @pre every diagonal (and for half-disks of more than one facet the closing edge) is new
-  /// @param heirs         which of all triangles takes over a sample: for the vertex itself, then
-  ///                      for each sample of the sheets' facets, in their order
-  /// @param[out] created  ids of the new facets, in the order of the triangles
-  void remove_vertex(std::int32_t vertex,
-                     std::span<const Sheet> sheets,
-                     std::span<const Triangulation> triangulations,
-                     std::span<const std::uint16_t> heirs,
-                     std::vector<std::int32_t>& created);
+  /// @param meanwhile  called at the same time; may read points, and the vertices and patches of
+  ///                   facets, as they are afterwards
+  void remove_vertices(std::span<const Removal> removals, const std::function<void()>& meanwhile);
 
   /// Lets a facet stand for one more removed vertex.
   void add_sample(std::int32_t facet, const Vec3& position);
@@ -168,6 +177,12 @@ class MaterialSurfaces {
                      std::span<const std::uint16_t> heirs,
                      const std::vector<std::int32_t>& facets);
   std::int32_t take_samples(std::span<const std::int32_t> facets);
+  void replace_facets(const Removal& removal);
+  void remove_copy(MaterialId m, const Removal& removal);
+  template <typename Cut>
+  static void cut_closing_edge(MaterialId m, const Removal& removal, const Cut& cut);
+  static std::vector<std::int32_t> created_by(const Removal& removal);
+  static bool is_beside(const Sheet& sheet, MaterialId m);
 
   std::vector<HalfedgeMesh> meshes_;
   std::vector<VertexIdMap> vertex_id_;  // per material

@@ -47,7 +47,7 @@ struct RemovalPlan {
   Box3 box;  // of all that is replaced and all that replaces it; nothing else was looked at
   std::vector<Sheet> sheets;
   std::vector<Triangulation> triangulations;
-  std::vector<std::uint16_t> heirs;  // see `MaterialSurfaces::remove_vertex`
+  std::vector<std::uint16_t> heirs;  // see `MaterialSurfaces::Removal`
 };
 
 // Plans removals. Only looks at the surfaces: planners of several threads work at the same time.
@@ -296,14 +296,14 @@ class RemovalPlanner {
   std::vector<CreatedTriple> created_;
 };
 
-// Plans many removals at the same time and carries them out one after the other.
+// Plans many removals at the same time, then carries them out.
 //
-// CGAL's Euler operations share a free list, so edits cannot run at the same time; but three
-// quarters of the work is looking. A batch is planned on the surfaces as they are; a plan holds as
-// long as nothing inside its box has changed, since all that a removal takes away, makes and looks
-// at meets its box. The plans of a batch are carried out in order, those whose boxes were
-// touched by an earlier one are made anew in the next batch. Batches do not depend on the number
-// of threads.
+// A batch is planned on the surfaces as they are; a plan holds as long as nothing inside its box
+// has changed, since all that a removal takes away, makes and looks at meets its box. Plans whose
+// boxes are touched by an earlier one of the batch are made anew in the next. The others are
+// carried out in order, in all materials at the same time: CGAL's Euler operations share a free
+// list in each mesh, so edits of one mesh cannot run at the same time. Batches do not depend on the
+// number of threads.
 class Decimator {
  public:
   Decimator(MaterialSurfaces& surfaces, double voxel_mm, double deviation_mm)
@@ -330,15 +330,20 @@ class Decimator {
           0, batch.size(),
           [&](std::size_t n) { planners_.local().plan(batch[n], limits, plans_[n]); }, kGrain);
       touched_.clear();
+      removals_.clear();
       for (std::size_t n = 0; n < batch.size(); ++n) {
         const RemovalPlan& plan = plans_[n];
         if (is_touched(plan.box)) {
           again.push_back(plan.vertex);
           continue;
         }
-        if (plan.refusal == Refusal::None) carry_out(plan);
+        if (plan.refusal == Refusal::None) {
+          touched_.push_back(plan.box);
+          removals_.push_back({plan.vertex, plan.sheets, plan.triangulations, plan.heirs});
+        }
         tell(plan.vertex, plan.refusal);
       }
+      surfaces_.remove_vertices(removals_, [&] { update_index(); });
       planned_ += batch.size();
       adapt(batch.size(), again.size());
     }
@@ -356,14 +361,15 @@ class Decimator {
                        [&](const Box3& other) { return other.overlaps(box); });
   }
 
-  void carry_out(const RemovalPlan& plan) {
-    touched_.push_back(plan.box);
-    for (const Sheet& sheet : plan.sheets)
-      for (const auto f : sheet.facets)
-        index_.remove(f);
-    surfaces_.remove_vertex(plan.vertex, plan.sheets, plan.triangulations, plan.heirs, created_);
-    for (const auto f : created_)
-      insert_facet(surfaces_, f, index_);
+  void update_index() {
+    for (const MaterialSurfaces::Removal& removal : removals_) {
+      for (const Sheet& sheet : removal.sheets)
+        for (const auto f : sheet.facets)
+          index_.remove(f);
+      for (std::size_t s = 0; s < removal.sheets.size(); ++s)
+        for (std::size_t t = 0; t < removal.triangulations[s].size(); ++t)
+          insert_facet(surfaces_, removal.sheets[s].facets[t], index_);
+    }
   }
 
   // Fewer at a time where many plans were in vain.
@@ -379,7 +385,7 @@ class Decimator {
   tbb::enumerable_thread_specific<RemovalPlanner> planners_;
   std::vector<RemovalPlan> plans_;
   std::vector<Box3> touched_;  // in this batch
-  std::vector<std::int32_t> created_;
+  std::vector<MaterialSurfaces::Removal> removals_;
   std::size_t batch_size_ = kMostBatch;
   std::size_t planned_ = 0;
 };
