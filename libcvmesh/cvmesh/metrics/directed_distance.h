@@ -77,9 +77,17 @@ class Direction {
     if (from_.size() == 0 || to_.size() == 0) return result;
     measure_pieces();
     std::map<Sides, std::vector<PieceId>> pieces_of;
+    std::vector<PieceId>* run = nullptr;  // neighbours are mostly of the same pair
+    Sides of_run;
     for (std::uint32_t c = 0; c < chunks_.size(); ++c)
-      for (std::uint32_t p = 0; p < chunks_[c].pieces.size(); ++p)
-        pieces_of[sides_of({c, p})].push_back({c, p});
+      for (std::uint32_t p = 0; p < chunks_[c].pieces.size(); ++p) {
+        const Sides sides = sides_of({c, p});
+        if (run == nullptr || !(sides == of_run)) {
+          of_run = sides;
+          run = &pieces_of[sides];
+        }
+        run->push_back({c, p});
+      }
 
     const auto all = all_of(pieces_of, [](Sides) { return true; });
     if (pieces_of.size() == 1 && pairs_in_target_.size() == 1 &&
