@@ -142,9 +142,8 @@ void SurfaceSampler::drop_room_beyond(const SizingOptions& options, double wante
   run_.context.log->warn(
       "{}: {:.0f} vertices are wanted, but small closed parts and curves, and edges that grow from "
       "theirs by delta ({:g}), take {:.0f} at any epsilon; now these parts get no more than "
-      "their topology needs. min_island_voxels drops small parts, a larger delta or target needs "
-      "no "
-      "such cut",
+      "their topology needs. min_island_voxels drops small parts; a larger delta or target needs "
+      "no such cut",
       stage_names::kSizingField, wanted, options.delta, least);
 }
 
