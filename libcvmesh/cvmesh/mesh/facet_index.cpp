@@ -4,18 +4,6 @@
 #include "cvmesh/core/assert.h"
 
 namespace cvmesh {
-namespace {
-
-float rounded_down(double x) {
-  const auto f = static_cast<float>(x);
-  return f > x ? std::nextafter(f, -std::numeric_limits<float>::infinity()) : f;
-}
-
-float rounded_up(double x) {
-  return -rounded_down(-x);
-}
-
-}  // namespace
 
 FacetIndex::FacetIndex(const Box3& bounds, double finest_mm)
     : origin_(bounds.is_empty() ? Vec3{} : bounds.lo) {
@@ -53,12 +41,7 @@ void FacetIndex::insert(std::int32_t id, const Box3& box) {
     cells_.resize(cells_.size() + kCells);
   }
   const std::size_t place = cell_index(brick, cell);
-  Entry entry{{}, {}, id};
-  for (int axis = 0; axis < 3; ++axis) {
-    entry.lo[axis] = rounded_down(box.lo[axis]);
-    entry.hi[axis] = rounded_up(box.hi[axis]);
-  }
-  cells_[place].push_back(entry);
+  cells_[place].push_back({FloatBox(box), id});
   place_of_[id] = {static_cast<std::int32_t>(place), static_cast<std::int32_t>(l)};
   ++level.count;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include "cvmesh/core/box3.h"
+#include "cvmesh/core/float_box.h"
 
 #include <algorithm>
 #include <array>
@@ -21,18 +21,13 @@ namespace cvmesh {
 /// side, and bricks of cells exist only where boxes are. Insertion and removal take constant time;
 /// a query looks at the cells it meets on the levels that are in use.
 ///
-/// Boxes are kept as floats, rounded outwards: a query finds every box that overlaps, and may find
-/// one that misses by a rounding error. Queries may run at the same time.
+/// A query finds every box that overlaps, and may find one that misses by a rounding error.
+/// Queries may run at the same time.
 class FacetIndex {
  public:
   struct Entry {
-    std::array<float, 3> lo, hi;
+    FloatBox box;
     std::int32_t id;
-
-    [[nodiscard]] bool overlaps(const Box3& box) const {
-      return lo[0] <= box.hi.x && hi[0] >= box.lo.x && lo[1] <= box.hi.y && hi[1] >= box.lo.y &&
-             lo[2] <= box.hi.z && hi[2] >= box.lo.z;
-    }
   };
 
   /// @param bounds     holds the centre of every box that will be inserted
@@ -46,6 +41,7 @@ class FacetIndex {
   /// history of insertions and removals.
   template <typename Visit>
   void query(const Box3& box, const Visit& visit) const {
+    const FloatBox rounded(box);
     for (const Level& level : levels_) {
       if (level.count == 0) continue;
       const Cell lo = cell_at(level, box.lo - 0.5 * level.side * Vec3{1, 1, 1});
@@ -62,7 +58,7 @@ class FacetIndex {
                 for (int i = std::max(lo[0], bi * kBrick);
                      i <= std::min(hi[0], bi * kBrick + kLast); ++i)
                   for (const Entry& entry : cells_[cell_index(brick, {i, j, k})])
-                    if (entry.overlaps(box)) visit(entry);
+                    if (entry.box.overlaps(rounded)) visit(entry);
           }
     }
   }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include "cvmesh/core/box3.h"
+#include "cvmesh/core/float_box.h"
 #include "cvmesh/core/parallel.h"
 
 #include <algorithm>
@@ -64,7 +64,7 @@ class ShapeTree {
                      const Box3& box,
                      double squared_bound,
                      const Visit& visit) const {
-    const Rounded target(box.lo, box.hi);
+    const FloatBox target(box);
     for (std::size_t b = 0; b < region.boxes_.size(); ++b) {
       const Lanes near = distances(region.boxes_[b], target);
       for (LaneSet set = lanes_within(near, squared_bound); set != 0; set &= set - 1) {
@@ -82,7 +82,7 @@ class ShapeTree {
   void find_region(const Box3& box, double reach, Region& region) const {
     region.clear();
     if (levels_.empty()) return;
-    const Rounded target(box.lo, box.hi);
+    const FloatBox target(box);
     const double squared_reach = reach * reach;
     region.height_ = top_level() + 1;
     region.items_.push_back(0);
@@ -140,21 +140,12 @@ class ShapeTree {
     std::array<Lanes, 3> lo, hi;
   };
 
-  // A point or box rounded outwards to floats.
-  struct Rounded {
-    Rounded(const Vec3& from, const Vec3& to)
-        : lo{rounded_down(from.x), rounded_down(from.y), rounded_down(from.z)},
-          hi{rounded_up(to.x), rounded_up(to.y), rounded_up(to.z)} {}
-
-    std::array<float, 3> lo, hi;
-  };
-
   // A search for the shape nearest to a point.
   struct Query {
-    Query(const Vec3& p, const Hit& guess) : point(p), rounded(p, p), best(guess) {}
+    Query(const Vec3& p, const Hit& guess) : point(p), rounded(Box3{p, p}), best(guess) {}
 
     Vec3 point;
-    Rounded rounded;
+    FloatBox rounded;
     Hit best;
   };
 
@@ -199,7 +190,7 @@ class ShapeTree {
   template <typename Visit>
   double visit_near(std::uint32_t level,
                     std::uint32_t node,
-                    const Rounded& target,
+                    const FloatBox& target,
                     double squared_bound,
                     const Visit& visit) const {
     const Lanes near = distances(levels_[level][node], target);
@@ -314,28 +305,16 @@ class ShapeTree {
   }
 
   static void put(Node& node, std::uint32_t lane, const Box3& box) {
+    const FloatBox rounded(box);
     for (int axis = 0; axis < 3; ++axis) {
-      node.lo[axis][lane] = rounded_down(box.lo[axis]);
-      node.hi[axis][lane] = rounded_up(box.hi[axis]);
+      node.lo[axis][lane] = rounded.lo[axis];
+      node.hi[axis][lane] = rounded.hi[axis];
     }
-  }
-
-  static float rounded_down(double x) { return outwards(x, -1); }
-
-  static float rounded_up(double x) { return outwards(x, 1); }
-
-  // A float on one side of x, two units in the last place away at most; std::nextafter is a call.
-  // Infinities, which stand for no box, stay.
-  static float outwards(double x, float sign) {
-    using Limits = std::numeric_limits<float>;
-    const auto rounded = static_cast<float>(x);
-    const float unit = std::min(std::abs(rounded), Limits::max()) * Limits::epsilon();
-    return rounded + sign * (unit + Limits::min());
   }
 
   // Squared distances from a box to the boxes of a node, or a little less: the factor covers the
   // rounding of a difference, a product and two sums.
-  static Lanes distances(const Node& node, const Rounded& box) {
+  static Lanes distances(const Node& node, const FloatBox& box) {
     constexpr float kCautious = 1 - 8 * std::numeric_limits<float>::epsilon();
     Lanes sum{};
     for (int axis = 0; axis < 3; ++axis) {
@@ -350,7 +329,8 @@ class ShapeTree {
   // The lanes whose squared distance is at most a bound; none of those without a box, which are
   // infinitely far.
   static LaneSet lanes_within(const Lanes& near, double squared_bound) {
-    const float bound = std::min(rounded_up(squared_bound), std::numeric_limits<float>::max());
+    const float bound =
+        std::min(rounded_outwards(squared_bound, 1), std::numeric_limits<float>::max());
     const auto is_within = near <= bound;
 #ifdef __SSE__
     return static_cast<LaneSet>(__builtin_ia32_movmskps(reinterpret_cast<Lanes>(is_within)));

@@ -4,6 +4,7 @@
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/core/random.h"
+#include "cvmesh/mesh/flat_triangle.h"
 #include "cvmesh/surface/embedding_guard.h"
 #include "cvmesh/surface/triangulate_ring.h"
 
@@ -15,6 +16,7 @@
 #include <cmath>
 #include <compare>
 #include <limits>
+#include <span>
 #include <utility>
 
 namespace cvmesh {
@@ -61,15 +63,32 @@ class RemovalPlanner {
         guard_(surfaces, index, kClearanceVox * voxel_mm),
         objective_{deviation_mm} {}
 
-  void plan(std::int32_t vertex, const RingLimits& limits, RemovalPlan& plan) {
+  /// Begins a plan: the sheets around the vertex, and the box that they span.
+  void outline(std::int32_t vertex, RemovalPlan& plan) const {
     plan.vertex = vertex;
-    plan.refusal = find_triangulations(limits, plan);
+    plan.refusal =
+        surfaces_.collect_sheets(vertex, plan.sheets) ? Refusal::None : Refusal::Topology;
+    const auto& points = surfaces_.points();
+    plan.box = {};
+    plan.box.add(points[vertex]);
+    if (plan.refusal != Refusal::None) return;
+    for (const Sheet& sheet : plan.sheets) {
+      if (sheet.ring.size() > RingProblem::kMaxRing) plan.refusal = Refusal::Topology;
+      for (const auto v : sheet.ring)
+        plan.box.add(points[v]);
+    }
+  }
+
+  /// Completes a plan, while nothing in its box has changed.
+  void complete(const RingLimits& limits, RemovalPlan& plan) {
+    if (plan.refusal == Refusal::None) plan.refusal = find_triangulations(limits, plan);
     if (plan.refusal == Refusal::None) choose_heirs(plan);
   }
 
  private:
   Refusal find_triangulations(const RingLimits& limits, RemovalPlan& plan) {
-    if (!collect(plan) || !set_up_problems(plan)) return Refusal::Topology;
+    look_around(plan);
+    if (!set_up_problems(plan)) return Refusal::Topology;
     // Each attempt forbids the triangles that the last optimum failed with.
     constexpr int kMaxAttempts = 12;
     Refusal refusal = Refusal::Shape;
@@ -89,26 +108,14 @@ class RemovalPlanner {
     return refusal;
   }
 
-  // What there is around the vertex; false where the complex or the size of the ring forbids the
-  // removal. The box is set in any case.
-  bool collect(RemovalPlan& plan) {
-    const auto& points = surfaces_.points();
-    plan.box = {};
-    plan.box.add(points[plan.vertex]);
+  void look_around(const RemovalPlan& plan) {
     star_.clear();
     ring_.clear();
-    if (!surfaces_.collect_sheets(plan.vertex, plan.sheets)) return false;
-    bool is_short = true;
     for (const Sheet& sheet : plan.sheets) {
-      is_short &= sheet.ring.size() <= RingProblem::kMaxRing;
       star_.insert(star_.end(), sheet.facets.begin(), sheet.facets.end());
       ring_.insert(ring_.end(), sheet.ring.begin(), sheet.ring.end());
-      for (const auto v : sheet.ring)
-        plan.box.add(points[v]);
     }
-    if (!is_short) return false;
     guard_.begin(plan.box, star_, ring_);
-    return true;
   }
 
   // Rings, normals, samples and forbidden edges of all sheets; false where the complex forbids the
@@ -116,6 +123,8 @@ class RemovalPlanner {
   bool set_up_problems(const RemovalPlan& plan) {
     problems_.resize(std::max(problems_.size(), plan.sheets.size()));
     needs_solution_.assign(plan.sheets.size(), true);
+    samples_.assign(1, surfaces_.points()[plan.vertex]);
+    samples_end_.clear();
     int vanishing = 0;
     for (std::size_t s = 0; s < plan.sheets.size(); ++s) {
       const Sheet& sheet = plan.sheets[s];
@@ -126,12 +135,13 @@ class RemovalPlanner {
       for (const auto v : sheet.ring)
         problem.ring.push_back(surfaces_.points()[v]);
       gather_samples(plan.vertex, sheet, problem);
+      samples_end_.push_back(samples_.size());
     }
     if (vanishing > 1) return false;
     return mark_surroundings(plan.sheets, vanishing == 1);
   }
 
-  void gather_samples(std::int32_t vertex, const Sheet& sheet, RingProblem& problem) const {
+  void gather_samples(std::int32_t vertex, const Sheet& sheet, RingProblem& problem) {
     problem.samples.push_back(surfaces_.points()[vertex]);
     Vec3 normal;
     double area = 0;
@@ -141,13 +151,12 @@ class RemovalPlanner {
       const Vec3 twice = area_vector2(p[v[0]], p[v[1]], p[v[2]]);
       normal += twice;
       area += norm(twice) / 2;
-      std::size_t count = 0;
-      surfaces_.for_each_sample(f, [&](const Vec3&) { ++count; });
+      const std::size_t begin = samples_.size();
+      surfaces_.for_each_sample(f, [&](const Vec3& sample) { samples_.push_back(sample); });
+      const std::size_t count = samples_.size() - begin;
       const std::size_t stride = (count + kRankingSamples - 1) / kRankingSamples;
-      std::size_t n = 0;
-      surfaces_.for_each_sample(f, [&](const Vec3& sample) {
-        if (n++ % stride == 0) problem.samples.push_back(sample);
-      });
+      for (std::size_t n = 0; n < count; n += stride)
+        problem.samples.push_back(samples_[begin + n]);
     }
     problem.normal = normalized(normal);
     problem.spacing_mm = std::sqrt(area / static_cast<double>(problem.samples.size()));
@@ -249,37 +258,47 @@ class RemovalPlanner {
 
   // Every sample goes to the nearest triangle of its own sheet; from a sheet that vanishes, and for
   // the vertex itself, to the nearest of all.
-  void choose_heirs(RemovalPlan& plan) const {
+  void choose_heirs(RemovalPlan& plan) {
+    triangles_.clear();
+    for (const CreatedTriple& created : created_) {
+      const auto& [a, b, c] = created.vertices;
+      triangles_.emplace_back(surfaces_.points()[a], surfaces_.points()[b], surfaces_.points()[c]);
+    }
     plan.heirs.clear();
-    plan.heirs.push_back(nearest_created(surfaces_.points()[plan.vertex], 0, created_.size()));
-    std::size_t begin = 0;
+    add_nearest({samples_.data(), 1}, 0, triangles_.size(), plan.heirs);
+    std::size_t begin = 0, sample = 1;
     for (std::size_t s = 0; s < plan.sheets.size(); ++s) {
       const std::size_t end = begin + plan.triangulations[s].size();
-      for (const auto f : plan.sheets[s].facets)
-        surfaces_.for_each_sample(f, [&](const Vec3& sample) {
-          plan.heirs.push_back(begin == end ? nearest_created(sample, 0, created_.size())
-                                            : nearest_created(sample, begin, end));
-        });
+      const std::span<const Vec3> samples{samples_.data() + sample, samples_end_[s] - sample};
+      if (begin == end)
+        add_nearest(samples, 0, triangles_.size(), plan.heirs);
+      else
+        add_nearest(samples, begin, end, plan.heirs);
       begin = end;
+      sample = samples_end_[s];
     }
   }
 
-  // The first of the nearest.
-  [[nodiscard]] std::uint16_t nearest_created(const Vec3& p,
-                                              std::size_t begin,
-                                              std::size_t end) const {
-    const auto& points = surfaces_.points();
-    std::size_t nearest = begin;
-    double least = std::numeric_limits<double>::infinity();
-    for (std::size_t n = begin; n < end; ++n) {
-      const auto& [a, b, c] = created_[n].vertices;
-      const double d2 = squared_norm(nearest_on_triangle(p, points[a], points[b], points[c]) - p);
-      if (d2 < least) {
-        least = d2;
-        nearest = n;
+  // For each sample the first of the nearest triangles begin to end - 1; two samples at a time.
+  void add_nearest(std::span<const Vec3> samples,
+                   std::size_t begin,
+                   std::size_t end,
+                   std::vector<std::uint16_t>& heirs) const {
+    for (std::size_t n = 0; n < samples.size(); n += 2) {
+      const bool is_pair = n + 1 < samples.size();
+      const Vec3Pair pair(samples[n], samples[is_pair ? n + 1 : n]);
+      DoublePair least = both(std::numeric_limits<double>::infinity());
+      std::array<std::uint16_t, 2> nearest{static_cast<std::uint16_t>(begin),
+                                           static_cast<std::uint16_t>(begin)};
+      for (std::size_t t = begin; t < end; ++t) {
+        const DoublePair d2 = triangles_[t].squared_distance(pair);
+        for (int lane = 0; lane < 2; ++lane)
+          if (d2[lane] < least[lane]) nearest[lane] = static_cast<std::uint16_t>(t);
+        least = smaller_of(d2, least);
       }
+      heirs.push_back(nearest[0]);
+      if (is_pair) heirs.push_back(nearest[1]);
     }
-    return static_cast<std::uint16_t>(nearest);
   }
 
   struct CreatedTriple {
@@ -294,16 +313,18 @@ class RemovalPlanner {
   std::vector<bool> needs_solution_;
   std::vector<std::int32_t> star_, ring_;
   std::vector<CreatedTriple> created_;
+  std::vector<FlatTriangle> triangles_;   // the same
+  std::vector<Vec3> samples_;             // of the vertex itself, then sheet by sheet
+  std::vector<std::size_t> samples_end_;  // by sheet
 };
 
 // Plans many removals at the same time, then carries them out.
 //
-// A batch is planned on the surfaces as they are; a plan holds as long as nothing inside its box
-// has changed, since all that a removal takes away, makes and looks at meets its box. Plans whose
-// boxes are touched by an earlier one of the batch are made anew in the next. The others are
-// carried out in order, in all materials at the same time: CGAL's Euler operations share a free
-// list in each mesh, so edits of one mesh cannot run at the same time. Batches do not depend on the
-// number of threads.
+// All that a removal takes away, makes and looks at meets the box of its rings. So removals whose
+// boxes are apart do not know of each other: a batch of such is planned on the surfaces as they
+// are, then carried out, in all materials at the same time. (CGAL's Euler operations share a free
+// list in each mesh, so edits of one mesh cannot run at the same time.) A vertex whose box meets
+// one that comes earlier waits for the next batch. Batches do not depend on the number of threads.
 class Decimator {
  public:
   Decimator(MaterialSurfaces& surfaces, double voxel_mm, double deviation_mm)
@@ -318,47 +339,56 @@ class Decimator {
   void try_each(const std::vector<std::int32_t>& queue,
                 const RingLimits& limits,
                 const Tell& tell) {
-    std::vector<std::int32_t> batch, again;
+    std::vector<std::int32_t> candidates, waiting;
     std::size_t next = 0;
-    while (next < queue.size() || !again.empty()) {
-      batch.swap(again);
-      again.clear();
-      while (batch.size() < batch_size_ && next < queue.size())
-        batch.push_back(queue[next++]);
-      plans_.resize(std::max(plans_.size(), batch.size()));
+    while (next < queue.size() || !waiting.empty()) {
+      candidates.swap(waiting);
+      while (candidates.size() < candidate_count_ && next < queue.size())
+        candidates.push_back(queue[next++]);
+      outline(candidates);
+      waiting = keep_independent(candidates.size());
       parallel_for_each_index(
-          0, batch.size(),
-          [&](std::size_t n) { planners_.local().plan(batch[n], limits, plans_[n]); }, kGrain);
-      touched_.clear();
+          0, batch_.size(),
+          [&](std::size_t n) { planners_.local().complete(limits, plans_[batch_[n]]); }, kGrain);
       removals_.clear();
-      for (std::size_t n = 0; n < batch.size(); ++n) {
+      for (const std::size_t n : batch_) {
         const RemovalPlan& plan = plans_[n];
-        if (is_touched(plan.box)) {
-          again.push_back(plan.vertex);
-          continue;
-        }
-        if (plan.refusal == Refusal::None) {
-          touched_.push_back(plan.box);
+        if (plan.refusal == Refusal::None)
           removals_.push_back({plan.vertex, plan.sheets, plan.triangulations, plan.heirs});
-        }
         tell(plan.vertex, plan.refusal);
       }
       surfaces_.remove_vertices(removals_, [&] { update_index(); });
-      planned_ += batch.size();
-      adapt(batch.size(), again.size());
+      planned_ += batch_.size();
+      adapt(candidates.size());
     }
   }
 
-  /// Plans made so far, those in vain included.
+  /// Plans made so far.
   [[nodiscard]] std::size_t planned() const { return planned_; }
 
  private:
   static constexpr std::size_t kGrain = 8;
-  static constexpr std::size_t kLeastBatch = 16, kMostBatch = 128;
+  static constexpr std::size_t kLeastCandidates = 16, kMostCandidates = 256;
 
-  [[nodiscard]] bool is_touched(const Box3& box) const {
-    return std::any_of(touched_.begin(), touched_.end(),
-                       [&](const Box3& other) { return other.overlaps(box); });
+  void outline(const std::vector<std::int32_t>& candidates) {
+    plans_.resize(std::max(plans_.size(), candidates.size()));
+    parallel_for_each_index(
+        0, candidates.size(),
+        [&](std::size_t n) { planners_.local().outline(candidates[n], plans_[n]); }, kGrain);
+  }
+
+  // Makes a batch of the outlined plans; returns the vertices that have to wait.
+  std::vector<std::int32_t> keep_independent(std::size_t outlined) {
+    batch_.clear();
+    std::vector<std::int32_t> waiting;
+    for (std::size_t n = 0; n < outlined; ++n)
+      if (std::any_of(batch_.begin(), batch_.end(), [&](std::size_t earlier) {
+            return plans_[earlier].box.overlaps(plans_[n].box);
+          }))
+        waiting.push_back(plans_[n].vertex);
+      else
+        batch_.push_back(n);
+    return waiting;
   }
 
   void update_index() {
@@ -372,21 +402,21 @@ class Decimator {
     }
   }
 
-  // Fewer at a time where many plans were in vain.
-  void adapt(std::size_t tried, std::size_t again) {
-    if (4 * again > tried)
-      batch_size_ = std::max(batch_size_ / 2, kLeastBatch);
-    else if (16 * again < tried)
-      batch_size_ = std::min(batch_size_ * 2, kMostBatch);
+  // Fewer at a time where most have to wait.
+  void adapt(std::size_t outlined) {
+    if (2 * batch_.size() < outlined)
+      candidate_count_ = std::max(candidate_count_ / 2, kLeastCandidates);
+    else if (4 * batch_.size() > 3 * outlined)
+      candidate_count_ = std::min(candidate_count_ * 2, kMostCandidates);
   }
 
   MaterialSurfaces& surfaces_;
   FacetIndex index_;
   tbb::enumerable_thread_specific<RemovalPlanner> planners_;
-  std::vector<RemovalPlan> plans_;
-  std::vector<Box3> touched_;  // in this batch
+  std::vector<RemovalPlan> plans_;  // of the candidates
+  std::vector<std::size_t> batch_;  // numbers of plans whose boxes are apart
   std::vector<MaterialSurfaces::Removal> removals_;
-  std::size_t batch_size_ = kMostBatch;
+  std::size_t candidate_count_ = kMostCandidates;
   std::size_t planned_ = 0;
 };
 

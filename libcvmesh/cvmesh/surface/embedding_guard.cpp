@@ -65,16 +65,14 @@ void EmbeddingGuard::begin(const Box3& box,
   });
   for (const FacetIndex::Entry& entry : nearby_)
     for (const auto v : surfaces_.facets()[entry.id].vertices)
-      if (box.contains(surfaces_.points()[v]) && !holds(ring, v)) nearby_vertices_.push_back(v);
-  std::sort(nearby_vertices_.begin(), nearby_vertices_.end());
-  nearby_vertices_.erase(std::unique(nearby_vertices_.begin(), nearby_vertices_.end()),
-                         nearby_vertices_.end());
+      if (box.contains(surfaces_.points()[v]) && !holds(ring, v) && !holds(nearby_vertices_, v))
+        nearby_vertices_.push_back(v);
 }
 
 bool EmbeddingGuard::intersects_nearby(const VertexTriple& t) const {
-  const Box3 box = grown(box_of(surfaces_.points(), t), clearance_mm_);
+  const FloatBox box(grown(box_of(surfaces_.points(), t), clearance_mm_));
   return std::any_of(nearby_.begin(), nearby_.end(), [&](const FacetIndex::Entry& entry) {
-    if (!entry.overlaps(box)) return false;
+    if (!entry.box.overlaps(box)) return false;
     const VertexTriple& s = surfaces_.facets()[entry.id].vertices;
     // without a clearance to spare, only the exact test will do
     if (!(clearance_mm_ > 0)) return facets_intersect(surfaces_.points(), t, s);
