@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/surface/flip_edges.h"
 
+#include "cvmesh/core/parallel.h"
 #include "cvmesh/mesh/neighbour_tree.h"
 #include "cvmesh/surface/embedding_guard.h"
 #include "cvmesh/surface/surface_objective.h"
 
+#include <tbb/enumerable_thread_specific.h>
+
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <numeric>
 #include <optional>
 #include <set>
@@ -26,11 +30,25 @@ constexpr double kMinQuality = 1e-3;
 struct Flip {
   std::int32_t first, second, a, b, c, d;
   std::array<VertexTriple, 2> after;
+  std::array<double, 2> farthest_after;
   std::array<Vec3, 4> outer;  // normals across (b, c), (c, a), (a, d), (d, b)
   double cost_before, cost_after;
 
   [[nodiscard]] double gain() const { return cost_before - cost_after; }
 };
+
+// What makes a flip worth a look, by its costs before and after. A lower cost after is never worse.
+bool gains(double before, double after) {
+  return before - after > kLeastGain;
+}
+
+// The first of a pair, which may cost: where there is something to gain, and one flip beside it may
+// make good for it.
+bool may_begin_pair(double before, double after) {
+  constexpr double kWorthTrying = 1;  // two facets of quality 0.5, or one at twice tau
+  constexpr double kMostRise = 1.5;
+  return before >= kWorthTrying && after <= kMostRise * before;
+}
 
 class Flipper {
  public:
@@ -40,13 +58,24 @@ class Flipper {
         guard_(surfaces, index_, kClearanceVox * voxel_mm),
         objective_{deviation_mm},
         spacing_mm_(voxel_mm),
-        samples_(surfaces.samples()) {}
+        samples_(surfaces.samples()),
+        farthest_of_(surfaces.facets().size(), 0) {
+    parallel_for_each_index(0, farthest_of_.size(), [&](std::size_t f) {
+      if (surfaces_.facets()[f].is_alive) farthest_of_[f] = farthest(static_cast<std::int32_t>(f));
+    });
+  }
 
   enum class Outcome { Flipped, NoGain, Refused };
 
+  /// Whether `try_flip`, or `try_pair`, has anything to try. Only looks: threads may ask at the
+  /// same time.
+  [[nodiscard]] bool is_promising(std::int32_t a, std::int32_t b, bool by_pairs) const {
+    return (by_pairs ? find(a, b, may_begin_pair) : find(a, b, gains)).has_value();
+  }
+
   Outcome try_flip(std::int32_t a, std::int32_t b) {
-    const auto flip = evaluate(a, b);
-    if (!flip || !(flip->gain() > kLeastGain)) return Outcome::NoGain;
+    const auto flip = find(a, b, gains);
+    if (!flip) return Outcome::NoGain;
     if (!is_allowed(*flip)) return Outcome::Refused;
     touch(*flip);
     carry_out(*flip);
@@ -56,22 +85,20 @@ class Flipper {
   // Out of a valley that no single flip leaves: a flip that costs, and one beside it that makes
   // good for both. Only where there is something to gain.
   Outcome try_pair(std::int32_t a, std::int32_t b) {
-    constexpr double kWorthTrying = 1;  // two facets of quality 0.5, or one at twice tau
-    constexpr double kMostRise = 1.5;   // one flip beside it makes good for no more
-    const auto first = evaluate(a, b);
-    if (!first || first->cost_before < kWorthTrying ||
-        first->cost_after > kMostRise * first->cost_before || !is_allowed(*first))
-      return Outcome::NoGain;
+    const auto first = find(a, b, may_begin_pair);
+    if (!first || !is_allowed(*first)) return Outcome::NoGain;
     const auto of_first = surfaces_.samples_of(first->first);
     const auto of_second = surfaces_.samples_of(first->second);
+    const std::array<double, 2> farthest{farthest_of_[first->first], farthest_of_[first->second]};
     carry_out(*first);
     std::optional<Flip> best;
     const std::array<std::pair<std::int32_t, std::int32_t>, 4> sides{
         {{first->b, first->c}, {first->c, first->a}, {first->a, first->d}, {first->d, first->b}}};
     for (const auto& [u, v] : sides) {
-      const auto second = evaluate(u, v);
       const double least = best ? best->gain() : kLeastGain - first->gain();
-      if (second && second->gain() > least && is_allowed(*second)) best = second;
+      const auto second =
+          find(u, v, [&](double before, double after) { return before - after > least; });
+      if (second && is_allowed(*second)) best = second;
     }
     if (best) {
       touch(*first);
@@ -80,15 +107,23 @@ class Flipper {
       return Outcome::Flipped;
     }
     // back to what was there, to the last sample; the facets have changed their numbers
-    carry_out(*evaluate(first->c, first->d));
+    carry_out(*find(first->c, first->d, [](double, double) { return true; }));
     surfaces_.set_samples(first->second, of_first);
     surfaces_.set_samples(first->first, of_second);
+    farthest_of_[first->second] = farthest[0];
+    farthest_of_[first->first] = farthest[1];
     return Outcome::NoGain;
   }
 
   /// Facets of one of the edge's ends changed in this pass or the one before.
   [[nodiscard]] bool is_touched(std::int32_t a, std::int32_t b) const {
     return last_touch(a) + 1 >= pass_ || last_touch(b) + 1 >= pass_;
+  }
+
+  /// Facets of one of the edge's ends changed in this pass. Every facet that a single flip weighs
+  /// has one of these ends.
+  [[nodiscard]] bool is_touched_now(std::int32_t a, std::int32_t b) const {
+    return last_touch(a) == pass_ || last_touch(b) == pass_;
   }
 
   /// All that `try_pair` weighs belongs to facets at the four vertices around the edge; did one of
@@ -109,8 +144,13 @@ class Flipper {
   }
 
  private:
-  // What flipping edge a-b would change; nothing where it is no edge inside a patch.
-  std::optional<Flip> evaluate(std::int32_t a, std::int32_t b) {
+  // What flipping edge a-b would change; nothing where it is no edge inside a patch, or where
+  // `accept(cost before, cost after)` is false. Bounds of the cost after, from below, settle most
+  // cases before the dear part of it.
+  template <typename Accept>
+  [[nodiscard]] std::optional<Flip> find(std::int32_t a,
+                                         std::int32_t b,
+                                         const Accept& accept) const {
     Flip flip{};
     if (!surfaces_.facets_of_edge(a, b, flip.first, flip.second)) return std::nullopt;
     const std::int32_t c = across(flip.first, a, b), d = across(flip.second, a, b);
@@ -118,36 +158,56 @@ class Flipper {
     flip.b = b;
     flip.c = c;
     flip.d = d;
-    const std::array<VertexTriple, 2> before{{{a, b, c}, {b, a, d}}};
     flip.after = {{{a, d, c}, {d, b, c}}};
-    // before: as the facets carry their samples; after: as `MaterialSurfaces` will hand them out
-    std::array<double, 2> farthest_before{}, farthest_after{};
-    for (int f = 0; f < 2; ++f)
-      surfaces_.for_each_sample(f == 0 ? flip.first : flip.second, [&](const Vec3& s) {
-        farthest_before[f] = std::max(farthest_before[f], distance_to(s, before[f]));
-        const double to_first = distance_to(s, flip.after[0]);
-        const double to_second = distance_to(s, flip.after[1]);
-        const int nearest = to_first <= to_second ? 0 : 1;
-        farthest_after[nearest] = std::max(farthest_after[nearest], std::min(to_first, to_second));
-      });
-    for (int f = 0; f < 2; ++f) {
-      farthest_before[f] = std::max(farthest_before[f], bridge(before[f]));
-      farthest_after[f] = std::max(farthest_after[f], bridge(flip.after[f]));
-    }
     flip.outer = {normal_across(b, c, flip.first), normal_across(c, a, flip.first),
                   normal_across(a, d, flip.second), normal_across(d, b, flip.second)};
-    flip.cost_before = cost(before, farthest_before, {0, 1, 2, 3}, flip.outer);
-    flip.cost_after = cost(flip.after, farthest_after, {2, 1, 3, 0}, flip.outer);
+    flip.cost_before =
+        cost({{{a, b, c}, {b, a, d}}}, {farthest_of_[flip.first], farthest_of_[flip.second]},
+             {0, 1, 2, 3}, flip.outer);
+    const auto is_accepted = [&] {
+      flip.cost_after = cost(flip.after, flip.farthest_after, {2, 1, 3, 0}, flip.outer);
+      return accept(flip.cost_before, flip.cost_after);
+    };
+    if (!is_accepted()) return std::nullopt;
+    flip.farthest_after = farthest_sample(flip);
+    if (!is_accepted()) return std::nullopt;
+    for (int f = 0; f < 2; ++f)
+      flip.farthest_after[f] = std::max(flip.farthest_after[f], bridge(flip.after[f]));
+    if (!is_accepted()) return std::nullopt;
     return flip;
+  }
+
+  // Of the samples of both facets after a flip, each with the facet that `MaterialSurfaces` will
+  // hand it to.
+  [[nodiscard]] std::array<double, 2> farthest_sample(const Flip& flip) const {
+    std::array<double, 2> farthest2{};
+    for (const auto f : {flip.first, flip.second})
+      surfaces_.for_each_sample(f, [&](const Vec3& s) {
+        const double to_first = squared_distance(s, flip.after[0]);
+        const double to_second = squared_distance(s, flip.after[1]);
+        const int nearest = to_first <= to_second ? 0 : 1;
+        farthest2[nearest] = std::max(farthest2[nearest], std::min(to_first, to_second));
+      });
+    return {std::sqrt(farthest2[0]), std::sqrt(farthest2[1])};
+  }
+
+  // Two-sided distance between a facet and the dense surface.
+  [[nodiscard]] double farthest(std::int32_t facet) const {
+    const VertexTriple& t = surfaces_.facets()[facet].vertices;
+    double farthest2 = 0;
+    surfaces_.for_each_sample(
+        facet, [&](const Vec3& s) { farthest2 = std::max(farthest2, squared_distance(s, t)); });
+    return std::max(std::sqrt(farthest2), bridge(t));
   }
 
   // Of all samples, so that it depends on the facet alone: what is minimised is one function, and
   // the descent ends.
-  [[nodiscard]] double bridge(const VertexTriple& t) {
+  [[nodiscard]] double bridge(const VertexTriple& t) const {
     const auto& p = surfaces_.points();
+    std::vector<std::int32_t>& nearest = nearest_.local();
     const auto nearest_mm2 = [&](const Vec3& probe) {
-      samples_.nearest(probe, 1, nearest_);
-      return nearest_.empty() ? 0 : squared_norm(surfaces_.samples()[nearest_.front()] - probe);
+      samples_.nearest(probe, 1, nearest);
+      return nearest.empty() ? 0 : squared_norm(surfaces_.samples()[nearest.front()] - probe);
     };
     return objective_.bridge_mm(p[t[0]], p[t[1]], p[t[2]], nearest_mm2, spacing_mm_);
   }
@@ -158,6 +218,8 @@ class Flipper {
     surfaces_.flip_edge(flip.a, flip.b);
     for (const auto f : {flip.first, flip.second})
       insert_facet(surfaces_, f, index_);
+    farthest_of_[flip.first] = flip.farthest_after[0];
+    farthest_of_[flip.second] = flip.farthest_after[1];
   }
 
   void touch(const Flip& flip) {
@@ -180,9 +242,9 @@ class Flipper {
     return normalized(area_vector2(p[t[0]], p[t[1]], p[t[2]]));
   }
 
-  [[nodiscard]] double distance_to(const Vec3& s, const VertexTriple& t) const {
+  [[nodiscard]] double squared_distance(const Vec3& s, const VertexTriple& t) const {
     const auto& p = surfaces_.points();
-    return distance(nearest_on_triangle(s, p[t[0]], p[t[1]], p[t[2]]), s);
+    return squared_norm(nearest_on_triangle(s, p[t[0]], p[t[1]], p[t[2]]) - s);
   }
 
   // Unit normal of the facet on the other side of edge (u, v) of `facet`; zero on a curve.
@@ -214,7 +276,7 @@ class Flipper {
   }
 
   bool is_allowed(const Flip& flip) {
-    const auto [first, second, a, b, c, d, after, outer, cost_before, cost_after] = flip;
+    const auto& [first, second, a, b, c, d, after, farthest_after, outer, before_, after_] = flip;
     const auto& p = surfaces_.points();
     for (const auto& t : after)
       if (triangle_quality(p[t[0]], p[t[1]], p[t[2]]) < kMinQuality) return false;
@@ -246,7 +308,8 @@ class Flipper {
   SurfaceObjective objective_;
   double spacing_mm_;  // of dense vertices, at most
   NeighbourTree samples_;
-  std::vector<std::int32_t> nearest_;
+  mutable tbb::enumerable_thread_specific<std::vector<std::int32_t>> nearest_;
+  std::vector<double> farthest_of_;  // by facet: distance between it and the dense surface
   int pass_ = 0;
   int pairs_ = 0, last_pairs_ = 0;  // the passes of pairs: the latest, and the one before
   std::vector<int> touched_;        // per vertex: the last pass that changed its facets
@@ -297,11 +360,23 @@ FlipEdgesResult flip_edges(MaterialSurfaces surfaces,
     };
     const auto run_pass = [&](bool by_pairs, bool all) {
       flipper.begin_pass(by_pairs);
+      const std::vector<Edge> edges = list_edges(surfaces);
+      // Most edges are left as they are. Which, is found out in parallel; it holds until something
+      // changes beside the edge.
+      std::vector<char> is_promising(edges.size(), false);
+      parallel_for_each_index(0, edges.size(), [&](std::size_t n) {
+        const auto [a, b] = edges[n];
+        is_promising[n] =
+            (all || is_due(edges[n], by_pairs)) && flipper.is_promising(a, b, by_pairs);
+      });
       std::size_t flips = 0;
-      for (const Edge& edge : list_edges(surfaces)) {
+      for (std::size_t n = 0; n < edges.size(); ++n) {
+        const Edge& edge = edges[n];
         if (!all && !is_due(edge, by_pairs)) continue;
         const auto [a, b] = edge;
-        const Outcome outcome = by_pairs ? flipper.try_pair(a, b) : flipper.try_flip(a, b);
+        Outcome outcome = Outcome::NoGain;
+        if (is_promising[n] || flipper.is_touched_now(a, b))
+          outcome = by_pairs ? flipper.try_pair(a, b) : flipper.try_flip(a, b);
         if (outcome == Outcome::Flipped) flips += by_pairs ? 2 : 1;
         if (by_pairs) continue;
         if (outcome == Outcome::Refused)
