@@ -352,7 +352,7 @@ TEST_CASE("distribute_particles: too many or too few particles are brought to th
   }
 }
 
-TEST_CASE("lower_h_at_short_loops: room around a tube and a torus, spheres and discs untouched",
+TEST_CASE("sizes_at_short_loops: room around a tube and a torus, spheres and discs untouched",
           "[particles][unit]") {
   const auto all_facets = [](const AnalyticDomain& domain) {
     std::vector<std::int32_t> facets(domain.dense.facets.size());
@@ -363,23 +363,28 @@ TEST_CASE("lower_h_at_short_loops: room around a tube and a torus, spheres and d
   for (const int open_parts : {0, 20}) {
     const auto domain = torus(14, minor, 60, 20, constant(20), open_parts);
     auto h = domain.sizing_field.h_mm;
-    REQUIRE(lower_h_at_short_loops(domain.dense, all_facets(domain), 0.4, h));
+    const auto lowered = sizes_at_short_loops(domain.dense, all_facets(domain), 0.4, h);
+    REQUIRE_FALSE(lowered.empty());
+    for (const LoweredSize& size : lowered) {
+      CHECK(size.h_mm < h[size.vertex]);
+      h[size.vertex] = size.h_mm;
+    }
     // Three particles fit around the tube, but not twice as many.
     CHECK(*std::max_element(h.begin(), h.end()) < around / 3);
     CHECK(*std::min_element(h.begin(), h.end()) > around / 6);
-    auto fine = std::vector<double>(h.size(), around / 6);
-    CHECK_FALSE(lower_h_at_short_loops(domain.dense, all_facets(domain), 0.4, fine));
+    const auto fine = std::vector<double>(h.size(), around / 6);
+    CHECK(sizes_at_short_loops(domain.dense, all_facets(domain), 0.4, fine).empty());
   }
   // A narrow waist is no tunnel.
   const auto closed = ellipsoids(49, {{{24, 24, 24}, {20, 2, 2}, 24}}, constant(20));
   auto h = closed.sizing_field.h_mm;
-  CHECK_FALSE(lower_h_at_short_loops(closed.dense, all_facets(closed), 0.4, h));
+  CHECK(sizes_at_short_loops(closed.dense, all_facets(closed), 0.4, h).empty());
   const auto halved = halved_ball(12, 12, constant(30));
   std::vector<std::int32_t> disc;
   for (std::size_t f = 0; f < halved.dense.facets.size(); ++f)
     if (halved.dense.patch_of[f].sides == Sides{2, 1}) disc.push_back(static_cast<std::int32_t>(f));
   h = halved.sizing_field.h_mm;
-  CHECK_FALSE(lower_h_at_short_loops(halved.dense, disc, 0.4, h));
+  CHECK(sizes_at_short_loops(halved.dense, disc, 0.4, h).empty());
 }
 
 TEST_CASE("LoopTest: three particles hold a loop, fewer do not", "[particles][unit]") {

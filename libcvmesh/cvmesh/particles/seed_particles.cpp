@@ -132,14 +132,20 @@ SeedParticlesResult seed_particles(const Sheets& sheets,
   const CounterRandom random(context.seed, kStage);
   std::vector<std::vector<SurfacePoint>> places(plans.size());
   report_progress(context, kStage, 0.4);
+  std::vector<std::int32_t> order(plans.size());
+  std::iota(order.begin(), order.end(), 0);
+  // The largest first: it may take as long as all others.
+  std::stable_sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
+    return plans[a].wanted > plans[b].wanted;
+  });
   parallel_for_each_index(
-      0, plans.size(),
-      [&](std::size_t s) {
+      0, order.size(),
+      [&](std::size_t n) {
+        const auto s = static_cast<std::size_t>(order[n]);
         places[s] = cover(sheets, s, plans[s], rims[s], options.seeding, random);
       },
       1);
 
-  std::vector<std::int32_t> order(plans.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
     return sheets.sheets[a].patch < sheets.sheets[b].patch;

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <numeric>
 #include <string>
 
 namespace cvmesh {
@@ -182,14 +183,29 @@ void Sheets::measure_sheets() {
 }
 
 void Sheets::lower_h() {
-  for (Sheet& sheet : sheets) {
-    sheet.lattice_count = sheet.field_count = count_at_h(sheet);
-    if (sheet.has_loops)
-      lower_h_at_short_loops(domain_.dense, sheet.facets, domain_.sizing_field.delta, h_mm);
-  }
+  std::vector<std::size_t> order(sheets.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  // The largest first: it may take as long as all others.
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    return sheets[a].facets.size() > sheets[b].facets.size();
+  });
+  std::vector<std::vector<LoweredSize>> lowered(sheets.size());
+  parallel_for_each_index(
+      0, order.size(),
+      [&](std::size_t n) {
+        Sheet& sheet = sheets[order[n]];
+        sheet.field_count = count_at_h(sheet);
+        if (sheet.has_loops)
+          lowered[order[n]] =
+              sizes_at_short_loops(domain_.dense, sheet.facets, domain_.sizing_field.delta, h_mm);
+      },
+      1);
   // A lowered h on a curve counts for all sheets around it.
-  for (Sheet& sheet : sheets)
-    sheet.lattice_count = count_at_h(sheet);
+  for (const auto& of_sheet : lowered)
+    for (const LoweredSize& size : of_sheet)
+      h_mm[size.vertex] = std::min(h_mm[size.vertex], size.h_mm);
+  parallel_for_each_index(
+      0, sheets.size(), [&](std::size_t s) { sheets[s].lattice_count = count_at_h(sheets[s]); }, 1);
 }
 
 double Sheets::count_at_h(const Sheet& sheet) const {

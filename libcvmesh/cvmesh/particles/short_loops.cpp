@@ -14,7 +14,6 @@
 #include <numeric>
 #include <queue>
 #include <set>
-#include <tuple>
 #include <utility>
 
 namespace cvmesh {
@@ -45,20 +44,60 @@ struct Loop {
   std::vector<std::int32_t> vertices;
 };
 
+// Numbers the vertices of some facets in ascending order: through a table where they lie close
+// together in the numbering of the dense surface, by searching where they are scattered.
+class LocalNumbers {
+ public:
+  /// @param vertices  filled with the dense vertex of each number; must outlive this
+  LocalNumbers(const InterfaceMesh& dense,
+               const std::vector<std::int32_t>& facets,
+               std::vector<std::int32_t>& vertices)
+      : vertices_(vertices) {
+    constexpr std::size_t kMostSlots = 4;  // of the table, for a corner
+    std::int32_t last = -1;
+    least_ = std::numeric_limits<std::int32_t>::max();
+    for (const auto f : facets)
+      for (const auto v : dense.facets[f]) {
+        least_ = std::min(least_, v);
+        last = std::max(last, v);
+      }
+    if (facets.empty()) return;
+    const auto slots = static_cast<std::size_t>(last - least_) + 1;
+    if (slots <= kMostSlots * 3 * facets.size()) {
+      number_of_.assign(slots, -1);
+      for (const auto f : facets)
+        for (const auto v : dense.facets[f])
+          number_of_[v - least_] = 0;
+      for (std::size_t n = 0; n < slots; ++n) {
+        if (number_of_[n] < 0) continue;
+        number_of_[n] = static_cast<std::int32_t>(vertices.size());
+        vertices.push_back(least_ + static_cast<std::int32_t>(n));
+      }
+      return;
+    }
+    for (const auto f : facets)
+      vertices.insert(vertices.end(), dense.facets[f].begin(), dense.facets[f].end());
+    std::sort(vertices.begin(), vertices.end());
+    vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
+  }
+
+  std::int32_t operator()(std::int32_t v) const {
+    if (!number_of_.empty()) return number_of_[v - least_];
+    return static_cast<std::int32_t>(std::lower_bound(vertices_.begin(), vertices_.end(), v) -
+                                     vertices_.begin());
+  }
+
+ private:
+  const std::vector<std::int32_t>& vertices_;
+  std::int32_t least_ = 0;
+  std::vector<std::int32_t> number_of_;
+};
+
 // One sheet as a graph of its own.
 class SheetGraph {
  public:
   SheetGraph(const InterfaceMesh& dense, const std::vector<std::int32_t>& facets) {
-    for (const auto f : facets) {
-      const auto& v = dense.facets[f];
-      vertices.insert(vertices.end(), v.begin(), v.end());
-    }
-    std::sort(vertices.begin(), vertices.end());
-    vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
-    const auto local = [&](std::int32_t v) {
-      return static_cast<std::int32_t>(std::lower_bound(vertices.begin(), vertices.end(), v) -
-                                       vertices.begin());
-    };
+    const LocalNumbers local(dense, facets, vertices);
 
     // The sides of the facets by their lower vertex, then each vertex' few by the other one.
     struct Side {
@@ -433,34 +472,20 @@ class Cells {
         distance_(graph.vertices.size(), kInfinity),
         word_(graph.vertices.size(), 0),
         owner_(graph.vertices.size(), -1) {
-    using Item = std::tuple<double, std::int32_t, std::int32_t>;  // distance, owner, vertex
-    std::priority_queue<Item, std::vector<Item>, std::greater<>> queue;
     std::sort(sources.begin(), sources.end());
     sources.erase(std::unique(sources.begin(), sources.end()), sources.end());
     // Without any particle the first vertex stands for the one that is missing.
     if (sources.empty()) sources.push_back(graph.vertices.front());
+    std::vector<std::int32_t> seeds;
     for (const auto source : sources) {
       const auto v = static_cast<std::int32_t>(
           std::lower_bound(graph.vertices.begin(), graph.vertices.end(), source) -
           graph.vertices.begin());
       distance_[v] = 0;
       owner_[v] = v;
-      queue.emplace(0, v, v);
+      seeds.push_back(v);
     }
-    while (!queue.empty()) {
-      const auto [d, owner, v] = queue.top();
-      queue.pop();
-      if (d > distance_[v] || owner != owner_[v]) continue;
-      for (auto n = graph.first[v]; n < graph.first[v + 1]; ++n) {
-        const auto& [w, e, length, word] = links[n];
-        const double next = d + length;
-        if (next >= distance_[w]) continue;
-        distance_[w] = next;
-        owner_[w] = owner;
-        word_[w] = word_[v] ^ word;
-        queue.emplace(next, owner, w);
-      }
-    }
+    grow(links, std::move(seeds));
   }
 
   // One vertex for each cell, or pair of cells, with a loop: of the edges that show it, the end
@@ -519,6 +544,42 @@ class Cells {
   }
 
  private:
+  struct Arrival {
+    double distance;
+    std::int32_t vertex;
+  };
+
+  // All cells at the same time, by rings of distance half an edge wide, so that no heap is needed;
+  // inside a ring a vertex may be reached twice. Of two particles equally far the first wins.
+  void grow(const std::vector<SheetGraph::Link>& links, std::vector<std::int32_t> seeds) {
+    double sum = 0;
+    for (const Edge& e : graph_.edges)
+      sum += e.length;
+    const double width = std::max(0.5 * sum / static_cast<double>(graph_.edges.size()),
+                                  std::numeric_limits<double>::min());
+    std::vector<std::vector<Arrival>> rings(1);
+    for (const auto v : seeds)
+      rings[0].push_back({0, v});
+    for (std::size_t ring = 0; ring < rings.size(); ++ring) {
+      for (std::size_t q = 0; q < rings[ring].size(); ++q) {
+        const auto [d, v] = rings[ring][q];
+        if (d > distance_[v]) continue;
+        for (auto n = graph_.first[v]; n < graph_.first[v + 1]; ++n) {
+          const auto& [w, e, length, word] = links[n];
+          const double next = d + length;
+          if (next > distance_[w] || (next == distance_[w] && owner_[v] >= owner_[w])) continue;
+          distance_[w] = next;
+          owner_[w] = owner_[v];
+          word_[w] = word_[v] ^ word;
+          const auto at = static_cast<std::size_t>(next / width);
+          if (at >= rings.size()) rings.resize(at + 1);
+          rings[std::max(at, ring)].push_back({next, w});
+        }
+      }
+      rings[ring] = {};
+    }
+  }
+
   // Of the way along an edge from the particle of one cell to that of the other.
   [[nodiscard]] std::uint64_t word_of(const Edge& e) const {
     return word_[e.a] ^ word_[e.b] ^ e.word;
@@ -532,12 +593,12 @@ class Cells {
 
 }  // namespace
 
-bool lower_h_at_short_loops(const InterfaceMesh& dense,
-                            const std::vector<std::int32_t>& facets,
-                            double delta,
-                            std::vector<double>& h_mm) {
+std::vector<LoweredSize> sizes_at_short_loops(const InterfaceMesh& dense,
+                                              const std::vector<std::int32_t>& facets,
+                                              double delta,
+                                              const std::vector<double>& h_mm) {
   SheetGraph graph(dense, facets);
-  if (!graph.find_cocycle(SheetGraph::Rim::Bounds)) return false;
+  if (!graph.find_cocycle(SheetGraph::Rim::Bounds)) return {};
   std::vector<double> h;
   for (const auto v : graph.vertices)
     h.push_back(h_mm[v]);
@@ -550,7 +611,6 @@ bool lower_h_at_short_loops(const InterfaceMesh& dense,
   // round looks closer where the last one found something.
   std::vector<bool> is_open = is_on_cut;
   const std::vector<SheetGraph::Link> links = graph.links();
-  bool is_changed = false;
   for (int round = 0; round < kRounds; ++round) {
     std::vector<double> lowered = h;
     if (!lower_along_loops(graph, links, is_open, h, lowered)) break;
@@ -558,12 +618,11 @@ bool lower_h_at_short_loops(const InterfaceMesh& dense,
     for (std::size_t v = 0; v < h.size(); ++v)
       is_open[v] = is_on_cut[v] && lowered[v] < h[v];
     h = std::move(lowered);
-    is_changed = true;
   }
-  if (is_changed)
-    for (std::size_t v = 0; v < h.size(); ++v)
-      h_mm[graph.vertices[v]] = std::min(h_mm[graph.vertices[v]], h[v]);
-  return is_changed;
+  std::vector<LoweredSize> result;
+  for (std::size_t v = 0; v < h.size(); ++v)
+    if (h[v] < h_mm[graph.vertices[v]]) result.push_back({graph.vertices[v], h[v]});
+  return result;
 }
 
 struct LoopTest::Sheet {

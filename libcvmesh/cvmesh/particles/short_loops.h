@@ -9,9 +9,15 @@
 
 namespace cvmesh {
 
-/// Lowers `h_mm` on one sheet of the dense surface where a tube or a tunnel is too narrow for it:
-/// every short loop that bounds nothing gets room for at least three particles. With fewer, the
-/// sparse surface could not have the handle at all.
+/// A dense vertex that needs smaller edges than the sizing field says.
+struct LoweredSize {
+  std::int32_t vertex;
+  double h_mm;
+};
+
+/// Where h has to be lowered on one sheet of the dense surface because a tube or a tunnel is too
+/// narrow for it: every short loop that bounds nothing gets room for at least three particles. With
+/// fewer, the sparse surface could not have the handle at all.
 ///
 /// A loop bounds nothing if it is not zero in the homology of the sheet with two coefficients. A
 /// tree of edges and a tree of facets leave one edge per generator [Eppstein 2003]; random words
@@ -20,11 +26,11 @@ namespace cvmesh {
 /// half a target edge apart along the cut where the words are, and are then tightened. Away from a
 /// lowered place h may grow with slope 1.7 `delta` again.
 /// @param facets  of the sheet, edge-connected
-/// @return        true when h was changed
-bool lower_h_at_short_loops(const InterfaceMesh& dense,
-                            const std::vector<std::int32_t>& facets,
-                            double delta,
-                            std::vector<double>& h_mm);
+/// @param h_mm    of all dense vertices
+std::vector<LoweredSize> sizes_at_short_loops(const InterfaceMesh& dense,
+                                              const std::vector<std::int32_t>& facets,
+                                              double delta,
+                                              const std::vector<double>& h_mm);
 
 /// Tells where a sheet needs more particles, so that no loop that bounds nothing passes fewer than
 /// three cells of the particles' Voronoi diagram: with fewer, no triangulation of the particles has
