@@ -2,7 +2,9 @@
 #include "cvmesh/mesh/material_surfaces.h"
 
 #include "cvmesh/core/assert.h"
+#include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
+#include "cvmesh/mesh/local_numbers.h"
 
 #include <CGAL/boost/graph/Euler_operations.h>
 
@@ -45,54 +47,38 @@ MaterialSurfaces::MaterialSurfaces(const InterfaceMesh& mesh, std::size_t materi
     vertex_count_ += c.empty() ? 0 : 1;
 }
 
-// Links halfedges by sorted edges instead of face by face: the order of insertion cannot fail, and
-// it is linear but for the sort.
+// Links halfedges by sorted edges instead of face by face: the order of insertion cannot fail.
 void MaterialSurfaces::build_material(MaterialId m, const std::vector<std::int32_t>& facet_ids) {
   HalfedgeMesh& mesh = meshes_[m];
 
-  struct Side {
-    std::int32_t a, b;   // ascending vertex ids
-    std::int32_t place;  // 3 * facet + side
-    auto operator<=>(const Side&) const = default;
-  };
-
   std::vector<std::array<std::int32_t, 3>> corners(facet_ids.size());
-  std::vector<Side> sides;
-  sides.reserve(3 * facet_ids.size());
-  std::vector<std::int32_t> ids;
-  ids.reserve(3 * facet_ids.size());
   for (std::size_t f = 0; f < facet_ids.size(); ++f) {
     const Facet& facet = facets_[facet_ids[f]];
     corners[f] = facet.vertices;
     if (facet.patch.sides.inside != m) std::swap(corners[f][1], corners[f][2]);
-    for (int c = 0; c < 3; ++c) {
-      const auto [a, b] = std::minmax(corners[f][c], corners[f][(c + 1) % 3]);
-      sides.push_back({a, b, static_cast<std::int32_t>(3 * f + c)});
-      ids.push_back(corners[f][c]);
-    }
   }
-  parallel_sort(sides.begin(), sides.end());
-  parallel_sort(ids.begin(), ids.end());
-  ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
+  const LocalNumbers numbers(corners);
+  for (auto& triple : corners)
+    for (auto& v : triple)
+      v = numbers(v);
+  const std::vector<std::int32_t>& ids = numbers.vertices();
+  const std::vector<FacetSide> sides = sides_by_edge(corners, ids.size());
 
   mesh.reserve(static_cast<HalfedgeMesh::size_type>(ids.size()),
                static_cast<HalfedgeMesh::size_type>(sides.size() / 2),
                static_cast<HalfedgeMesh::size_type>(facet_ids.size()));
   for (const auto id : ids)
     vertex_id_[m][mesh.add_vertex()] = id;
-  const auto vertex_of = [&](std::int32_t id) {
-    return VertexCopy(static_cast<HalfedgeMesh::size_type>(
-        std::lower_bound(ids.begin(), ids.end(), id) - ids.begin()));
-  };
   std::vector<Halfedge> halfedge_at(sides.size());
+  const auto are_of_one_edge = [&](std::size_t s, std::size_t t) {
+    return t < sides.size() && sides[s].a == sides[t].a && sides[s].b == sides[t].b;
+  };
   for (std::size_t s = 0; s < sides.size(); s += 2) {
-    const bool is_pair =
-        s + 1 < sides.size() && sides[s].a == sides[s + 1].a && sides[s].b == sides[s + 1].b &&
-        (s + 2 >= sides.size() || sides[s + 2].a != sides[s].a || sides[s + 2].b != sides[s].b);
-    require(is_pair, ErrorCode::Internal, "surfaces",
-            "the boundary of material " + std::to_string(m) +
-                " is not a closed 2-manifold at edge " + std::to_string(sides[s].a) + "-" +
-                std::to_string(sides[s].b));
+    if (!are_of_one_edge(s, s + 1) || are_of_one_edge(s, s + 2))
+      throw Error(ErrorCode::Internal, "surfaces",
+                  "the boundary of material " + std::to_string(m) +
+                      " is not a closed 2-manifold at edge " + std::to_string(ids[sides[s].a]) +
+                      "-" + std::to_string(ids[sides[s].b]));
     const Halfedge h = mesh.add_edge();
     halfedge_at[sides[s].place] = h;
     halfedge_at[sides[s + 1].place] = mesh.opposite(h);
@@ -105,7 +91,7 @@ void MaterialSurfaces::build_material(MaterialId m, const std::vector<std::int32
     (facet.patch.sides.inside == m ? facet.inside_face : facet.outside_face) = face;
     for (std::size_t c = 0; c < 3; ++c) {
       const Halfedge h = halfedge_at[3 * f + c];
-      const VertexCopy target = vertex_of(corners[f][(c + 1) % 3]);
+      const auto target = VertexCopy(static_cast<HalfedgeMesh::size_type>(corners[f][(c + 1) % 3]));
       mesh.set_target(h, target);
       mesh.set_halfedge(target, h);
       mesh.set_face(h, face);

@@ -3,6 +3,7 @@
 
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/core/random.h"
+#include "cvmesh/mesh/local_numbers.h"
 
 #include <algorithm>
 #include <array>
@@ -44,105 +45,33 @@ struct Loop {
   std::vector<std::int32_t> vertices;
 };
 
-// Numbers the vertices of some facets in ascending order: through a table where they lie close
-// together in the numbering of the dense surface, by searching where they are scattered.
-class LocalNumbers {
- public:
-  /// @param vertices  filled with the dense vertex of each number; must outlive this
-  LocalNumbers(const InterfaceMesh& dense,
-               const std::vector<std::int32_t>& facets,
-               std::vector<std::int32_t>& vertices)
-      : vertices_(vertices) {
-    constexpr std::size_t kMostSlots = 4;  // of the table, for a corner
-    std::int32_t last = -1;
-    least_ = std::numeric_limits<std::int32_t>::max();
-    for (const auto f : facets)
-      for (const auto v : dense.facets[f]) {
-        least_ = std::min(least_, v);
-        last = std::max(last, v);
-      }
-    if (facets.empty()) return;
-    const auto slots = static_cast<std::size_t>(last - least_) + 1;
-    if (slots <= kMostSlots * 3 * facets.size()) {
-      number_of_.assign(slots, -1);
-      for (const auto f : facets)
-        for (const auto v : dense.facets[f])
-          number_of_[v - least_] = 0;
-      for (std::size_t n = 0; n < slots; ++n) {
-        if (number_of_[n] < 0) continue;
-        number_of_[n] = static_cast<std::int32_t>(vertices.size());
-        vertices.push_back(least_ + static_cast<std::int32_t>(n));
-      }
-      return;
-    }
-    for (const auto f : facets)
-      vertices.insert(vertices.end(), dense.facets[f].begin(), dense.facets[f].end());
-    std::sort(vertices.begin(), vertices.end());
-    vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
-  }
-
-  std::int32_t operator()(std::int32_t v) const {
-    if (!number_of_.empty()) return number_of_[v - least_];
-    return static_cast<std::int32_t>(std::lower_bound(vertices_.begin(), vertices_.end(), v) -
-                                     vertices_.begin());
-  }
-
- private:
-  const std::vector<std::int32_t>& vertices_;
-  std::int32_t least_ = 0;
-  std::vector<std::int32_t> number_of_;
-};
-
 // One sheet as a graph of its own.
 class SheetGraph {
  public:
   SheetGraph(const InterfaceMesh& dense, const std::vector<std::int32_t>& facets) {
-    const LocalNumbers local(dense, facets, vertices);
-
-    // The sides of the facets by their lower vertex, then each vertex' few by the other one.
-    struct Side {
-      std::int32_t b, facet;
-      auto operator<=>(const Side&) const = default;
-    };
-
-    std::vector<std::array<std::int32_t, 3>> corners(facets.size());
-    std::vector<std::size_t> first_side(vertices.size() + 1, 0);
-    const auto for_each_side = [&](std::size_t f, const auto& visit) {
-      for (int k = 0; k < 3; ++k) {
-        const auto [a, b] = std::minmax(corners[f][k], corners[f][(k + 1) % 3]);
-        visit(a, b);
-      }
-    };
-    for (std::size_t f = 0; f < facets.size(); ++f) {
-      const auto& v = dense.facets[facets[f]];
-      corners[f] = {local(v[0]), local(v[1]), local(v[2])};
-      for_each_side(f, [&](std::int32_t a, std::int32_t) { ++first_side[a + 1]; });
-    }
-    std::partial_sum(first_side.begin(), first_side.end(), first_side.begin());
-    std::vector<Side> sides(first_side.back());
-    auto next = first_side;
-    for (std::size_t f = 0; f < facets.size(); ++f)
-      for_each_side(f, [&](std::int32_t a, std::int32_t b) {
-        sides[next[a]++] = {b, static_cast<std::int32_t>(f)};
-      });
+    std::vector<std::array<std::int32_t, 3>> corners;
+    corners.reserve(facets.size());
+    for (const auto f : facets)
+      corners.push_back(dense.facets[f]);
+    const LocalNumbers numbers(corners);
+    vertices = numbers.vertices();
+    for (auto& triple : corners)
+      for (auto& v : triple)
+        v = numbers(v);
+    const std::vector<FacetSide> sides = sides_by_edge(corners, vertices.size());
     edges.reserve(sides.size() / 2 + vertices.size());
     edges_of_facet.assign(facets.size(), {-1, -1, -1});
-    for (std::size_t v = 0; v < vertices.size(); ++v) {
-      std::sort(sides.begin() + static_cast<std::ptrdiff_t>(first_side[v]),
-                sides.begin() + static_cast<std::ptrdiff_t>(first_side[v + 1]));
-      const auto a = static_cast<std::int32_t>(v);
-      for (std::size_t n = first_side[v]; n < first_side[v + 1]; ++n) {
-        const auto [b, f] = sides[n];
-        if (edges.empty() || edges.back().a != a || edges.back().b != b) {
-          edges.push_back({a, b, {-1, -1}, 0, 0});
-          edges.back().length = distance(dense.points[vertices[a]], dense.points[vertices[b]]);
-        }
-        Edge& edge = edges.back();
-        edge.facet[edge.facet[0] < 0 ? 0 : 1] = f;
-        auto& of_facet = edges_of_facet[f];
-        *std::find(of_facet.begin(), of_facet.end(), -1) =
-            static_cast<std::int32_t>(edges.size() - 1);
+    for (const auto& [a, b, place] : sides) {
+      if (edges.empty() || edges.back().a != a || edges.back().b != b) {
+        edges.push_back({a, b, {-1, -1}, 0, 0});
+        edges.back().length = distance(dense.points[vertices[a]], dense.points[vertices[b]]);
       }
+      Edge& edge = edges.back();
+      const std::int32_t f = place / 3;
+      edge.facet[edge.facet[0] < 0 ? 0 : 1] = f;
+      auto& of_facet = edges_of_facet[f];
+      *std::find(of_facet.begin(), of_facet.end(), -1) =
+          static_cast<std::int32_t>(edges.size() - 1);
     }
     first.assign(vertices.size() + 1, 0);
     for (const Edge& e : edges) {
