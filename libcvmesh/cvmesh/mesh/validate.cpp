@@ -3,6 +3,7 @@
 
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/mesh/facet_predicates.h"
+#include "cvmesh/mesh/local_numbers.h"
 #include "cvmesh/mesh/shape_tree.h"
 #include "cvmesh/mesh/tet_predicates.h"
 
@@ -73,67 +74,41 @@ bool is_even(const Triangle& t) {
 
 // --- the boundary of one material ----------------------------------------------------------------
 
-// The facets around one material, turned so that their normals point out of it.
-struct Boundary {
-  std::vector<Triangle> triangles;
-  std::vector<std::int32_t> facets;  ///< index in the mesh
-};
-
-std::vector<Boundary> split_by_material(const InterfaceMesh& mesh, std::size_t material_count) {
-  std::vector<Boundary> result(material_count);
+// The facets around each material, turned so that their normals point out of it.
+std::vector<std::vector<Triangle>> split_by_material(const InterfaceMesh& mesh,
+                                                     std::size_t material_count) {
+  std::vector<std::vector<Triangle>> result(material_count);
   std::vector<std::size_t> count(material_count, 0);
   for (const PatchKey& patch : mesh.patch_of) {
     ++count[patch.sides.inside];
     ++count[patch.sides.outside];
   }
-  for (std::size_t m = 0; m < material_count; ++m) {
-    result[m].triangles.reserve(count[m]);
-    result[m].facets.reserve(count[m]);
-  }
+  for (std::size_t m = 0; m < material_count; ++m)
+    result[m].reserve(count[m]);
   for (std::size_t f = 0; f < mesh.facets.size(); ++f) {
     const Sides sides = mesh.patch_of[f].sides;
     const auto& [a, b, c] = mesh.facets[f];
-    result[sides.inside].triangles.push_back({a, b, c});
-    result[sides.inside].facets.push_back(static_cast<std::int32_t>(f));
-    result[sides.outside].triangles.push_back({a, c, b});
-    result[sides.outside].facets.push_back(static_cast<std::int32_t>(f));
+    result[sides.inside].push_back({a, b, c});
+    result[sides.outside].push_back({a, c, b});
   }
   return result;
 }
 
-// Edges of a set of triangles: halfedge 3 t + c leads from corner c of triangle t to the next.
-class Edges {
- public:
-  explicit Edges(const std::vector<Triangle>& triangles) : triangles_(triangles) {
-    keys_.resize(triangles.size() * 3);
-    parallel_for_each_index(0, keys_.size(), [&](std::size_t h) {
-      const std::uint64_t a = static_cast<std::uint32_t>(tail(h));
-      const std::uint64_t b = static_cast<std::uint32_t>(head(h));
-      keys_[h] = {std::min(a, b) << 32 | std::max(a, b), static_cast<std::uint32_t>(h)};
-    });
-    parallel_sort(keys_.begin(), keys_.end());
+// Calls visit(sides) for each edge of a set of triangles, in ascending order. A side's place is the
+// number of its halfedge: 3 t + c leads from corner c of triangle t to the next.
+template <typename Visit>
+void for_each_edge(const std::vector<Triangle>& triangles,
+                   std::size_t point_count,
+                   const Visit& visit) {
+  const std::vector<FacetSide> sides = sides_by_edge(triangles, point_count);
+  for (std::size_t i = 0; i < sides.size();) {
+    std::size_t end = i + 1;
+    while (end < sides.size() && sides[end].a == sides[i].a && sides[end].b == sides[i].b)
+      ++end;
+    visit(std::span(sides.data() + i, end - i));
+    i = end;
   }
-
-  [[nodiscard]] std::int32_t tail(std::size_t h) const { return triangles_[h / 3][h % 3]; }
-
-  [[nodiscard]] std::int32_t head(std::size_t h) const { return triangles_[h / 3][(h + 1) % 3]; }
-
-  // Calls visit(halfedges) for each edge, a list of (key, halfedge) in ascending order.
-  template <typename Visit>
-  void for_each_edge(const Visit& visit) const {
-    for (std::size_t i = 0; i < keys_.size();) {
-      std::size_t end = i + 1;
-      while (end < keys_.size() && keys_[end].first == keys_[i].first)
-        ++end;
-      visit(std::span(keys_.data() + i, end - i));
-      i = end;
-    }
-  }
-
- private:
-  const std::vector<Triangle>& triangles_;
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> keys_;
-};
+}
 
 struct EdgeFault {
   std::int32_t a, b;   ///< the edge
@@ -250,21 +225,22 @@ class VertexSets {
 
 BoundaryReport inspect(const std::vector<Triangle>& triangles, std::size_t point_count) {
   BoundaryReport report;
-  const Edges edges(triangles);
+  const auto tail = [&](std::int32_t h) { return triangles[h / 3][h % 3]; };
+  const auto head = [&](std::int32_t h) { return triangles[h / 3][(h + 1) % 3]; };
   std::vector<std::uint32_t> twin(triangles.size() * 3);
   std::size_t edge_count = 0;
-  edges.for_each_edge([&](const auto& halfedges) {
+  for_each_edge(triangles, point_count, [&](std::span<const FacetSide> sides) {
     ++edge_count;
-    const std::uint32_t first = halfedges[0].second;
-    const EdgeFault fault{edges.tail(first), edges.head(first), halfedges.size()};
-    if (halfedges.size() != 2) {
+    const std::int32_t first = sides[0].place;
+    const EdgeFault fault{tail(first), head(first), sides.size()};
+    if (sides.size() != 2) {
       report.bad_edges.push_back(fault);
       return;
     }
-    const std::uint32_t second = halfedges[1].second;
-    if (edges.tail(first) == edges.tail(second)) report.turned_edges.push_back(fault);
-    twin[first] = second;
-    twin[second] = first;
+    const std::int32_t second = sides[1].place;
+    if (tail(first) == tail(second)) report.turned_edges.push_back(fault);
+    twin[first] = static_cast<std::uint32_t>(second);
+    twin[second] = static_cast<std::uint32_t>(first);
   });
   const VertexSets sets(triangles, point_count);
   report.topology.components = sets.components();
@@ -281,35 +257,15 @@ BoundaryReport inspect(const std::vector<Triangle>& triangles, std::size_t point
   return report;
 }
 
-// The triangles with vertices numbered from 0 to the number in use: small materials stay cheap.
-struct Compacted {
-  std::vector<Triangle> triangles;
-  std::vector<std::int32_t> vertex_of;  ///< compact index -> index in the mesh, ascending
-};
-
-Compacted compact(const std::vector<Triangle>& triangles) {
-  Compacted result;
-  result.vertex_of.reserve(triangles.size() * 3);
-  for (const Triangle& t : triangles) {
-    result.vertex_of.insert(result.vertex_of.end(), t.begin(), t.end());
-  }
-  auto& vertices = result.vertex_of;
-  parallel_sort(vertices.begin(), vertices.end());
-  vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
-  result.triangles.resize(triangles.size());
+// With vertices numbered from 0 to the number in use: small materials stay cheap.
+BoundaryReport inspect_compacted(std::vector<Triangle> triangles) {
+  const LocalNumbers numbers(triangles);
   parallel_for_each_index(0, triangles.size(), [&](std::size_t t) {
-    for (int c = 0; c < 3; ++c) {
-      const auto at = std::lower_bound(vertices.begin(), vertices.end(), triangles[t][c]);
-      result.triangles[t][c] = static_cast<std::int32_t>(at - vertices.begin());
-    }
+    for (std::int32_t& v : triangles[t])
+      v = numbers(v);
   });
-  return result;
-}
-
-BoundaryReport inspect_compacted(const std::vector<Triangle>& triangles) {
-  const Compacted compacted = compact(triangles);
-  BoundaryReport report = inspect(compacted.triangles, compacted.vertex_of.size());
-  const auto& vertex_of = compacted.vertex_of;
+  const std::vector<std::int32_t>& vertex_of = numbers.vertices();
+  BoundaryReport report = inspect(triangles, vertex_of.size());
   for (auto* list : {&report.bad_edges, &report.turned_edges}) {
     for (EdgeFault& fault : *list) {
       fault.a = vertex_of[fault.a];
@@ -319,6 +275,16 @@ BoundaryReport inspect_compacted(const std::vector<Triangle>& triangles) {
   for (std::int32_t& v : report.pinched_vertices)
     v = vertex_of[v];
   return report;
+}
+
+std::vector<BoundaryReport> inspect_boundaries(const InterfaceMesh& mesh,
+                                               std::size_t material_count) {
+  std::vector<std::vector<Triangle>> boundaries = split_by_material(mesh, material_count);
+  std::vector<BoundaryReport> reports(material_count);
+  parallel_for_each_index(
+      0, material_count,
+      [&](std::size_t m) { reports[m] = inspect_compacted(std::move(boundaries[m])); }, 1);
+  return reports;
 }
 
 // --- checks of an interface mesh -----------------------------------------------------------------
@@ -421,9 +387,9 @@ void check_boundaries(const InterfaceMesh& mesh, std::size_t material_count, Val
   Faults open(result, "edges of a material that are not in two facets");
   Faults turned(result, "edges between facets that face opposite ways");
   Faults pinched(result, "vertices where a material's boundary touches itself");
-  const std::vector<Boundary> boundaries = split_by_material(mesh, material_count);
+  const std::vector<BoundaryReport> reports = inspect_boundaries(mesh, material_count);
   for (std::size_t m = 0; m < material_count; ++m) {
-    const BoundaryReport report = inspect_compacted(boundaries[m].triangles);
+    const BoundaryReport& report = reports[m];
     const std::string material = "material " + text(std::int64_t(m)) + ": ";
     for (const EdgeFault& e : report.bad_edges) {
       open.add([&] {
@@ -665,9 +631,8 @@ std::string Validation::summary() const {
 std::vector<BoundaryTopology> boundary_topology(const InterfaceMesh& mesh,
                                                 std::size_t material_count) {
   std::vector<BoundaryTopology> result;
-  for (const Boundary& boundary : split_by_material(mesh, material_count)) {
-    result.push_back(inspect_compacted(boundary.triangles).topology);
-  }
+  for (const BoundaryReport& report : inspect_boundaries(mesh, material_count))
+    result.push_back(report.topology);
   return result;
 }
 
