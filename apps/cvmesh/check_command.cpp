@@ -3,6 +3,7 @@
 
 #include "cvmesh/core/context.h"
 #include "cvmesh/core/error.h"
+#include "cvmesh/grid/shear.h"
 #include "cvmesh/metrics/voxel_features.h"
 #include "cvmesh/pipeline/forecast.h"
 
