@@ -3,7 +3,8 @@
 
 #include "cvmesh/core/context.h"
 #include "cvmesh/core/error.h"
-#include "cvmesh/metrics/voxel_features.h"
+#include "cvmesh/grid/shear.h"
+#include "cvmesh/metrics/thinnest_parts.h"
 #include "cvmesh/pipeline/forecast.h"
 
 #include <nlohmann/json.hpp>
@@ -23,15 +24,17 @@ using Json = nlohmann::ordered_json;
 /// Two digits: a forecast is not better than that.
 double rounded(double value) {
   if (value <= 0) return 0;
-  const double unit = std::pow(10, std::floor(std::log10(value)) - 1);
-  return std::round(value / unit) * unit;
+  const int digits = 1 - static_cast<int>(std::floor(std::log10(value)));
+  // Divided by a whole power of ten: 0.83 is not to become 0.8300000000000001.
+  const double power = std::pow(10, std::abs(digits));
+  return digits > 0 ? std::round(value * power) / power : std::round(value / power) * power;
 }
 
 struct Checked {
   GridFrame input;
   std::vector<std::string> warnings;
   CleanLabelsResult cleaned;
-  VoxelFeatures features;
+  std::vector<double> thinnest_mm;  ///< per material
   Forecast forecast;
 };
 
@@ -40,8 +43,8 @@ Checked check(const CheckCommand& command, const Parameters& parameters, int thr
   const InputVolume volume = read_label_volume(command.input, &result.warnings, command.read);
   result.input = volume.frame;
   result.cleaned = clean_labels(volume, parameters.clean_labels, silent_context());
-  result.features = measure_voxel_features(result.cleaned.labels);
-  result.forecast = make_forecast(result.cleaned.labels, result.features, parameters, threads);
+  result.thinnest_mm = thinnest_parts_mm(result.cleaned.labels);
+  result.forecast = make_forecast(result.cleaned.labels, parameters, threads);
   return result;
 }
 
@@ -64,7 +67,7 @@ Json labels_json(const Checked& checked) {
                 {"components", account.components_in},
                 {"voxels_kept", account.voxels_kept}};
     if (const std::size_t m = material_of(labels, account.label); m > 0)
-      row["thinnest_mm"] = checked.features.thinnest_mm[m];
+      row["thinnest_mm"] = checked.thinnest_mm[m];
     rows.push_back(row);
   }
   return rows;

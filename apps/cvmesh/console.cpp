@@ -29,9 +29,11 @@ std::string row(const char* name, const std::string& value) {
 }
 
 std::string distance_row(const SurfaceDistance& distance) {
-  return fmt::format("mean {:.3f}, max {:.2f} voxels (mean {:.3g}, max {:.3g} mm)",
+  return fmt::format("mean {:.3f}, max {:.2f} voxels (mean {:.3g}, max {:.3g} {})",
                      distance.voxels.mean_symmetric(), distance.voxels.hausdorff_lower_bound(),
-                     distance.mm.mean_symmetric(), distance.mm.hausdorff_lower_bound());
+                     distance.true_mm().mean_symmetric(),
+                     distance.true_mm().hausdorff_lower_bound(),
+                     distance.world_mm ? "mm in the world" : "mm");
 }
 
 }  // namespace

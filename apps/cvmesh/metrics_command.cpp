@@ -29,13 +29,25 @@ std::string distribution_row(const Distribution& d) {
                      d.min, d.max);
 }
 
-std::string distance_rows(const char* name, const SurfaceDistance& distance) {
+std::string distance_rows(const char* name, const TwoSidedDistance& distance) {
   const auto direction = [](const DistanceStats& d) {
     return fmt::format("max {:.3f} to {:.3f}, p95 {:.3f}, mean {:.4f} (+- {:.4f}), rms {:.4f}",
                        d.max, d.max + d.max_error, d.p95, d.mean, d.mean_standard_error, d.rms);
   };
-  return row(fmt::format("mesh to {}", name), direction(distance.voxels.mesh_to_reference)) +
-         row(fmt::format("{} to mesh", name), direction(distance.voxels.reference_to_mesh));
+  return row(fmt::format("mesh to {}", name), direction(distance.mesh_to_reference)) +
+         row(fmt::format("{} to mesh", name), direction(distance.reference_to_mesh));
+}
+
+std::string distance_rows(const SurfaceFidelity& fidelity) {
+  const SurfaceDistance& to_labels = fidelity.to_labels.overall;
+  const SurfaceDistance* const to_truth = fidelity.to_truth ? &fidelity.to_truth->overall : nullptr;
+  std::string table = "  distances in voxels\n" + distance_rows("labels", to_labels.voxels);
+  if (to_truth != nullptr) table += distance_rows("truth", to_truth->voxels);
+  if (!to_labels.world_mm) return table;
+  table += "  distances in mm of the world, as the volume is sheared\n" +
+           distance_rows("labels", *to_labels.world_mm);
+  if (to_truth != nullptr) table += distance_rows("truth", *to_truth->world_mm);
+  return table;
 }
 
 std::string label_rows(const Report& report) {
@@ -79,10 +91,7 @@ std::string table_of(const Report& report) {
   table += row("tets 3r/R", distribution_row(report.quality->tets.radius_ratio));
   table += row("smallest dihedral", distribution_row(report.quality->tets.min_dihedral_deg));
   table += row("largest dihedral", distribution_row(report.quality->tets.max_dihedral_deg));
-  table += "  distances in voxels\n";
-  table += distance_rows("labels", report.distances->to_labels.overall);
-  if (report.distances->to_truth)
-    table += distance_rows("truth", report.distances->to_truth->overall);
+  table += distance_rows(*report.distances);
   table += label_rows(report);
   for (const std::string& fault : checks.faults)
     table += fmt::format("  fault: {}\n", fault);

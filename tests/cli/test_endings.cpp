@@ -198,7 +198,7 @@ TEST_CASE("cvmesh mesh: limits end the run with code 7, before the work or durin
   const auto limited = [&](const std::string& option, const std::string& value) {
     const Outcome outcome =
         run_cli::cvmesh({"mesh", (folder / "a.nii").string(), "--out", (folder / "out").string(),
-                         "--quiet", "--set", "epsilon=0.3", option, value},
+                         "--quiet", "--set", "epsilon=0.15", option, value},
                         {.environment = environment});
     INFO(outcome.err);
     CHECK(outcome.exit_code == 7);
@@ -213,7 +213,7 @@ TEST_CASE("cvmesh mesh: limits end the run with code 7, before the work or durin
   CHECK(limited("--time-limit", "0.01") == "labels");
   // During it: a third of the forecast is let through, and a helper that sleeps takes longer.
   const Outcome check =
-      run_cli::cvmesh({"check", (folder / "a.nii").string(), "--json", "--set", "epsilon=0.3"});
+      run_cli::cvmesh({"check", (folder / "a.nii").string(), "--json", "--set", "epsilon=0.15"});
   REQUIRE(check.exit_code == 0);
   const auto forecast = nlohmann::json::parse(check.out)["forecast"];
   const double seconds = forecast["seconds"].get<double>() / 3.5;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include <nlohmann/json.hpp>
 
+#include "metrics/simple_meshes.h"
 #include "support/catch.h"
 #include "support/phantoms.h"
 #include "support/run_cli.h"
@@ -126,6 +127,69 @@ TEST_CASE("cvmesh metrics: the true surface is measured in the mesh's coordinate
   CHECK(left < 0);
   CHECK(truth["mesh_to_reference"]["max"].get<double>() == Approx(100 - left).epsilon(0.01));
   CHECK_FALSE(truth["reference_to_mesh"]["worst"].contains("inside_label"));
+}
+
+namespace {
+
+/// A ball in the world, of a volume whose third axis leans towards the first.
+InputVolume ball_in_leaning_volume(double radius_mm) {
+  GridFrame frame = phantoms::centred_frame({35, 21, 25});
+  Affine& map = frame.index_to_world;
+  map.rows = {Vec3{1, 0, 0.6}, Vec3{0, 1, 0}, Vec3{0, 0, 0.8}};
+  map.offset = -1.0 * map.linear({17, 10, 12});
+  InputVolume volume(frame);
+  for (int k = 0; k < frame.dims[2]; ++k)
+    for (int j = 0; j < frame.dims[1]; ++j)
+      for (int i = 0; i < frame.dims[0]; ++i)
+        volume(i, j, k) = norm(map({double(i), double(j), double(k)})) < radius_mm ? 1 : 0;
+  return volume;
+}
+
+/// A sphere around the origin as an .off file.
+void write_sphere(const std::filesystem::path& path, double radius) {
+  const InterfaceMesh sphere = simple_meshes::sphere({0, 0, 0}, radius, 4);
+  std::ofstream file(path);
+  file << "OFF\n" << sphere.points.size() << ' ' << sphere.facets.size() << " 0\n";
+  for (const Vec3& p : sphere.points)
+    file << p.x << ' ' << p.y << ' ' << p.z << '\n';
+  for (const auto& facet : sphere.facets)
+    file << "3 " << facet[0] << ' ' << facet[1] << ' ' << facet[2] << '\n';
+}
+
+}  // namespace
+
+TEST_CASE("cvmesh: distances of a sheared volume are those of the world", "[cli]") {
+  constexpr double kRadius = 7, kGap = 2;
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "ball.nii", ball_in_leaning_volume(kRadius));
+  write_sphere(folder / "truth.off", kRadius + kGap);
+  const std::string out = folder.path().string(), labels = (folder / "ball.nii").string();
+  const auto meshed = run_cli::cvmesh({"mesh", labels, "--out", out, "--allow-shear", "--report"});
+  REQUIRE(meshed.exit_code == 0);
+  CHECK_THAT(meshed.err, Contains("mm in the world)"));
+  const Json run = json_of(folder / "ball.metrics.json");
+  const auto judged = run_cli::cvmesh({"metrics", (folder / "ball.vtu").string(), labels, "--truth",
+                                       (folder / "truth.off").string(), "--allow-shear", "--out",
+                                       (folder / "judged.json").string()});
+  REQUIRE(judged.exit_code == 0);
+  CHECK_THAT(judged.out, Contains("distances in mm of the world"));
+
+  // The mesh is a ball but for the staircase and its chords; the truth's facets are within 0.02 of
+  // a sphere. So the sphere is about 2 mm away everywhere in the world, and exactly so at the worst
+  // place.
+  const Json truth = json_of(folder / "judged.json")["results"]["distances"]["to_truth"];
+  const Json& there = truth["world_mm"]["mesh_to_reference"];
+  CHECK(there["mean"].get<double>() == Approx(kGap).margin(0.25));
+  CHECK(there["max"].get<double>() < kGap + 1);
+  const Json at = there["worst"]["position"];
+  const double worst = norm({at[0].get<double>(), at[1].get<double>(), at[2].get<double>()});
+  CHECK(there["max"].get<double>() == Approx(kRadius + kGap - worst).margin(0.03));
+  // In grid mm lengths along one diagonal of the leaning axes are twice those along the other.
+  CHECK(truth["mm"]["mesh_to_reference"]["max"].get<double>() >
+        1.2 * truth["mm"]["mesh_to_reference"]["mean"].get<double>());
+  for (const char* reference : {"to_dense", "to_labels"})
+    CHECK(run["results"]["distances"][reference].contains("world_mm"));
+  CHECK(run["results"]["labels"][0]["distances"]["to_labels"].contains("world_mm"));
 }
 
 TEST_CASE("cvmesh metrics: faults of a mesh are reported, not refused", "[cli]") {

@@ -132,6 +132,65 @@ TEST_CASE("measure_distances: concentric and shifted spheres", "[metrics][unit]"
   CHECK(shifted.overall.mm.mesh_to_reference.p95 == Approx(0.95 * shift).margin(0.02));
 }
 
+namespace {
+
+/// The z axis leans towards x: a step of 1 along it is 0.6 along x and 0.8 along z of the world.
+GridFrame leaning_frame() {
+  GridFrame frame = frame_of({1, 1, 1});
+  frame.index_to_world.rows = {Vec3{1, 0, 0.6}, Vec3{0, 1, 0}, Vec3{0, 0, 0.8}};
+  return frame;
+}
+
+InterfaceMesh moved(InterfaceMesh mesh, const Vec3& by) {
+  for (Vec3& p : mesh.points)
+    p += by;
+  return mesh;
+}
+
+}  // namespace
+
+TEST_CASE("measure_distances: a sheared volume is measured in the world, too", "[metrics][unit]") {
+  const GridFrame frame = leaning_frame();
+  const InterfaceMesh small = moved(simple_meshes::square(4, 0.75), {6, 6, 0});
+  const SurfaceDistances d = measure_distances(small, simple_meshes::square(16, 0), frame, 2, {});
+  check_all(d.overall.mm.mesh_to_reference, 0.75);
+  // Planes that are 0.75 steps apart along the leaning axis have 0.75 * 0.8 mm between them.
+  for (const SurfaceDistance* distance : {&d.overall, &d.of_material[1], &d.of_pair.at({1, 0})}) {
+    REQUIRE(distance->world_mm);
+    check_all(distance->world_mm->mesh_to_reference, 0.6);
+    CHECK(&distance->true_mm() == &*distance->world_mm);
+  }
+  // The small square lies 0.45 mm farther along x than its grid coordinates say, so that the
+  // corners of the large one at x = 0 are 6.45 mm away along x, and 6 along y.
+  const DistanceStats& back = d.overall.world_mm->reference_to_mesh;
+  CHECK(back.max == Approx(std::sqrt(6.45 * 6.45 + 6 * 6 + 0.6 * 0.6)).epsilon(1e-6));
+  CHECK(back.worst_mm.x == Approx(0).margin(1e-9));  // grid mm, as everywhere
+  CHECK(back.worst_mm.z == Approx(0).margin(1e-9));
+
+  const SurfaceDistances straight = measure_distances(small, small, frame_of({1, 1, 1}), 2, {});
+  CHECK_FALSE(straight.overall.world_mm);
+  CHECK(&straight.overall.true_mm() == &straight.overall.mm);
+}
+
+TEST_CASE("measure_distances: the voxel faces of a sheared volume are measured in the world",
+          "[metrics][unit]") {
+  Grid<MaterialId> ids(leaning_frame());
+  for (int k = 0; k < 16; ++k)
+    for (int j = 0; j < 32; ++j)
+      for (int i = 0; i < 32; ++i)
+        ids(i, j, k) = 1;
+  // The top of the slab lies at z = 15.5.
+  const InterfaceMesh above = moved(simple_meshes::square(4, 15.5 + 0.5), {14, 14, 0});
+  const SurfaceDistances d = measure_distances(above, ids, 2, {});
+  check_all(d.overall.mm.mesh_to_reference, 0.5);
+  check_all(d.overall.world_mm->mesh_to_reference, 0.4);
+  // The slab's far corners are those at the bottom, at x and y = -0.5 or 31.5, z = -0.5: in the
+  // world 16.5 * 0.6 mm to the side and 16.5 * 0.8 mm below the square's plane.
+  const double x = 14 + 0.5 + 16.5 * 0.6, y = 14 + 0.5, z = 16.5 * 0.8;
+  CHECK(d.overall.world_mm->reference_to_mesh.max ==
+        Approx(std::sqrt(x * x + y * y + z * z)).epsilon(1e-6));
+}
+
 TEST_CASE("measure_distances: a material is measured against its own boundary only",
           "[metrics][unit]") {
   // Two spheres that changed places: all interfaces together agree, each material is 30 mm off.

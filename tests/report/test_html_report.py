@@ -10,9 +10,11 @@ Exits with 77 (skipped) where Chromium or its driver is not installed.
 """
 
 import base64
+import gzip
 import json
 import pathlib
 import shutil
+import struct
 import subprocess
 import sys
 import time
@@ -133,6 +135,14 @@ class Browser:
         path.write_bytes(base64.b64decode(self.ask("GET", "/screenshot")))
 
 
+def write_sheared(source, path):
+    """A copy of a NIfTI volume whose third axis leans towards the first, at voxels of 1 mm."""
+    volume = bytearray(gzip.decompress(source.read_bytes()))
+    struct.pack_into("<hh", volume, 252, 0, 1)  # the s-form alone
+    struct.pack_into("<12f", volume, 280, 1, 0, 0.6, 0, 0, 1, 0, 0, 0, 0, 0.8, 0)
+    path.write_bytes(gzip.compress(bytes(volume)))
+
+
 def check(condition, what):
     if not condition:
         sys.exit(f"FAILED: {what}")
@@ -228,6 +238,20 @@ def main():
         check(browser.wait_for_viewer() == "ready", "a report of surfaces only has its view")
         check(browser.picture()[1] > 0.05, "and draws on it")
         check(browser.console_errors() == [], "and its console stays empty")
+    write_sheared(out / "spheres.nii.gz", out / "sheared.nii.gz")
+    run([cvmesh, "mesh", out / "sheared.nii.gz", "--out", out, "--allow-shear", "--surface-only",
+         "--report", "--quiet", "--force"])
+    distances = json.loads((out / "sheared.metrics.json").read_text())["results"]["distances"]
+    with Browser(driver, chromium, SOFTWARE_WEBGL) as browser:
+        browser.open(out / "sheared.report.html")
+        browser.wait_for_viewer()
+        table = browser.script("return document.getElementById('distances').innerText")
+        check("mm in the world" in table, "of a sheared volume distances are those of the world")
+        largest = browser.script("return document.querySelector("
+                                 "'#distances tbody tr td:last-child').textContent")
+        true = distances["to_dense"]["world_mm"]["mesh_to_reference"]["max"]
+        check(abs(float(largest) / true - 1) < 0.01, f"the largest is {true:.3g} mm")
+        check(browser.console_errors() == [], "and the console stays empty")
     return 0
 
 

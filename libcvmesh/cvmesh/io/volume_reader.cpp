@@ -2,6 +2,7 @@
 #include "cvmesh/io/volume_reader.h"
 
 #include "cvmesh/core/error.h"
+#include "cvmesh/grid/shear.h"
 #include "cvmesh/io/itk_volume_io.h"
 #include "cvmesh/io/volume_header.h"
 
@@ -21,9 +22,6 @@ using detail::VolumeHeader;
 constexpr std::size_t kBlockVoxels = std::size_t{1} << 20;
 // What writers append after the voxels (padding, a stray extension) stays far below this.
 constexpr std::uint64_t kMostSurplus = 1 << 20;
-// Cosine between two axes; rounding and registration stay well below, and so does what it changes
-// in a distance.
-constexpr double kMostShear = 0.01;
 
 enum class Format { Nifti, Meta, Nrrd };
 
@@ -209,22 +207,11 @@ void check_allowed(const std::filesystem::path& path,
     refuse_file(path, "has sheared axes: two of them are " + detail::number_text(shear) +
                           " off a right angle (as a cosine; at most " +
                           detail::number_text(kMostShear) +
-                          "); resample it to a straight grid, or accept sizes and distances of "
-                          "the unsheared grid by --allow-shear");
+                          "); resample it to a straight grid, or accept sizes and shapes of the "
+                          "unsheared grid by --allow-shear");
 }
 
 }  // namespace
-
-double shear_of(const Affine& index_to_world) {
-  std::array<Vec3, 3> axes;
-  for (int axis = 0; axis < 3; ++axis) {
-    Vec3 unit{};
-    unit[axis] = 1;
-    axes[static_cast<std::size_t>(axis)] = normalized(index_to_world.linear(unit));
-  }
-  return std::max({std::abs(dot(axes[0], axes[1])), std::abs(dot(axes[0], axes[2])),
-                   std::abs(dot(axes[1], axes[2]))});
-}
 
 InputVolume read_label_volume(const std::filesystem::path& path,
                               std::vector<std::string>* warnings,

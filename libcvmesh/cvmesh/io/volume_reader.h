@@ -17,9 +17,6 @@ struct ReadVolumeOptions {
   bool allow_detached = false;  ///< voxels in a file beside the header (.mhd, NRRD's `data file`)
 };
 
-/// Largest |cosine| between two of the axes; 0 where they are at right angles.
-double shear_of(const Affine& index_to_world);
-
 /// The label volume in a file: `.nii`, `.nii.gz` (NIfTI-1 and -2), `.mha`, `.mhd`, `.nrrd`.
 ///
 /// The frame's `index_to_world` is the file's own map, bit by bit, in the file's own space:

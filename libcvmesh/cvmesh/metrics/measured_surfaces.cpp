@@ -131,4 +131,30 @@ FlatPiece VoxelFaceSurface::piece(std::size_t f) const {
   return result;
 }
 
+MappedFaceSurface::MappedFaceSurface(const std::vector<VoxelFace>& faces,
+                                     const Vec3& spacing_mm,
+                                     const Affine& mm_to_space)
+    : faces_(faces) {
+  for (int axis = 0; axis < 3; ++axis) {
+    Vec3 voxel{};
+    voxel[axis] = spacing_mm[axis];
+    step_[static_cast<std::size_t>(axis)] = mm_to_space.linear(voxel);
+  }
+}
+
+Box3 MappedFaceSurface::box(std::size_t f) const {
+  Box3 result;
+  for (const Vec3& corner : piece(f).corner)
+    result.add(corner);
+  return result;
+}
+
+FlatPiece MappedFaceSurface::piece(std::size_t f) const {
+  const VoxelFace& face = faces_[f];
+  const Vec3 corner = (face.voxel[0] - 0.5) * step_[0] + (face.voxel[1] - 0.5) * step_[1] +
+                      (face.voxel[2] - 0.5) * step_[2];
+  const Vec3 &u = step_[(face.axis + 1) % 3], &v = step_[(face.axis + 2) % 3];
+  return {{corner, corner + u, corner + u + v, corner + v}, 4};
+}
+
 }  // namespace cvmesh

@@ -6,6 +6,7 @@
 #include "cvmesh/core/vec3.h"
 #include "cvmesh/core/vec3_pair.h"
 #include "cvmesh/grid/grid.h"
+#include "cvmesh/grid/grid_frame.h"
 #include "cvmesh/mesh/flat_triangle.h"
 #include "cvmesh/mesh/interface_mesh.h"
 
@@ -33,7 +34,7 @@ std::array<FlatPiece, 2> halves(const FlatPiece& piece);
 /// The surfaces that distances are measured between have the same members: `size`, `box` and
 /// `squared_distance` for the search tree, `sides`, `piece` and `ready` for the measurement.
 /// `scale` maps grid mm to the space in which distances are measured: 1 for mm, 1 / spacing for
-/// index space.
+/// index space. The world of a sheared volume takes a linear map.
 
 /// The facets of an interface mesh, which must outlive this view.
 class FacetSurface {
@@ -126,6 +127,45 @@ class VoxelFaceSurface {
  private:
   const std::vector<VoxelFace>& faces_;
   Vec3 step_;
+};
+
+/// The staircase of voxel faces where a linear map makes them parallelograms; `faces` must outlive
+/// this view.
+class MappedFaceSurface {
+ public:
+  MappedFaceSurface(const std::vector<VoxelFace>& faces,
+                    const Vec3& spacing_mm,
+                    const Affine& mm_to_space);
+
+  [[nodiscard]] std::size_t size() const { return faces_.size(); }
+
+  [[nodiscard]] Sides sides(std::size_t f) const { return faces_[f].sides; }
+
+  [[nodiscard]] Box3 box(std::size_t f) const;
+
+  /// Its two triangles.
+  struct Ready {
+    FlatTriangle first, second;
+
+    [[nodiscard]] DoublePair squared_distance(const Vec3Pair& p) const {
+      return smaller_of(first.squared_distance(p), second.squared_distance(p));
+    }
+  };
+
+  [[nodiscard]] Ready ready(std::size_t f) const {
+    const auto corner = piece(f).corner;
+    return {{corner[0], corner[1], corner[2]}, {corner[0], corner[2], corner[3]}};
+  }
+
+  [[nodiscard]] double squared_distance(std::size_t f, const Vec3& p) const {
+    return ready(f).squared_distance({p, p})[0];
+  }
+
+  [[nodiscard]] FlatPiece piece(std::size_t f) const;
+
+ private:
+  const std::vector<VoxelFace>& faces_;
+  std::array<Vec3, 3> step_;  // of a voxel along each axis
 };
 
 }  // namespace cvmesh

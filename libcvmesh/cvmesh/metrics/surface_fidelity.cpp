@@ -3,6 +3,7 @@
 
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
+#include "cvmesh/grid/shear.h"
 #include "cvmesh/metrics/directed_distance.h"
 #include "cvmesh/metrics/measured_surfaces.h"
 
@@ -58,14 +59,16 @@ BothDirections measure_both(const Mesh& mesh,
   return result;
 }
 
-void store(const BothDirections& both,
-           TwoSidedDistance SurfaceDistance::*space,
-           SurfaceDistances& result) {
-  result.overall.*space = {both.forward.overall, both.back.overall};
+template <typename TwoSided>
+void store(const BothDirections& both, TwoSided SurfaceDistance::*space, SurfaceDistances& result) {
+  const auto two_sided = [](const DistanceStats& forward, const DistanceStats& back) {
+    return TwoSidedDistance{forward, back};
+  };
+  result.overall.*space = two_sided(both.forward.overall, both.back.overall);
   for (std::size_t m = 0; m < result.of_material.size(); ++m)
-    result.of_material[m].*space = {both.forward.of_material[m], both.back.of_material[m]};
+    result.of_material[m].*space = two_sided(both.forward.of_material[m], both.back.of_material[m]);
   for (const auto& [pair, stats] : both.forward.of_pair)
-    result.of_pair[pair].*space = {stats, both.back.of_pair.at(pair)};
+    result.of_pair[pair].*space = two_sided(stats, both.back.of_pair.at(pair));
 }
 
 DistanceStats rescaled(DistanceStats stats, double factor) {
@@ -163,6 +166,44 @@ SurfaceDistances measure(const InterfaceMesh& surface,
   return result;
 }
 
+InterfaceMesh mapped(InterfaceMesh surface, const Affine& map) {
+  for (Vec3& p : surface.points)
+    p = map(p);
+  return surface;
+}
+
+void map_places(DirectedDistances& distances, const Affine& map) {
+  const auto map_place = [&](DistanceStats& stats) { stats.worst_mm = map(stats.worst_mm); };
+  map_place(distances.overall);
+  std::for_each(distances.of_material.begin(), distances.of_material.end(), map_place);
+  for (auto& [pair, stats] : distances.of_pair)
+    map_place(stats);
+}
+
+// Measures in world mm, where lengths are others than in grid mm: in a sheared volume. Voxels are
+// no cubes there; pieces and samples are as dense as for cubes of the smallest spacing.
+template <typename Reference>
+void measure_in_world(const InterfaceMesh& surface,
+                      const Reference& reference,
+                      const GridFrame& frame,
+                      const SurfaceFidelityOptions& options,
+                      SurfaceDistances& result) {
+  const double voxel = frame.voxel_mm();
+  const DirectionOptions direction{.samples_per_square_voxel = options.samples_per_square_voxel,
+                                   .max_error = options.max_error_vox * voxel,
+                                   .unit_mm = {1, 1, 1},
+                                   .spacing_mm = {voxel, voxel, voxel}};
+  const Affine to_world = mm_to_world_vector(frame);
+  const InterfaceMesh in_world = mapped(surface, to_world);
+  TreeOrders orders;
+  BothDirections both = measure_both(FacetSurface(in_world, {1, 1, 1}), reference,
+                                     result.of_material.size(), direction, orders);
+  const Affine to_grid = inverse(to_world);
+  map_places(both.forward, to_grid);
+  map_places(both.back, to_grid);
+  store(both, &SurfaceDistance::world_mm, result);
+}
+
 }  // namespace
 
 double TwoSidedDistance::hausdorff_lower_bound() const {
@@ -190,8 +231,14 @@ SurfaceDistances measure_distances(const InterfaceMesh& surface,
                                    std::size_t material_count,
                                    const SurfaceFidelityOptions& options) {
   check_extent(reference, frame.spacing_mm);
-  return measure(surface, frame, material_count, options,
-                 [&](const Vec3& scale) { return FacetSurface(reference, scale); });
+  SurfaceDistances result =
+      measure(surface, frame, material_count, options,
+              [&](const Vec3& scale) { return FacetSurface(reference, scale); });
+  if (is_sheared(frame)) {
+    const InterfaceMesh in_world = mapped(reference, mm_to_world_vector(frame));
+    measure_in_world(surface, FacetSurface(in_world, {1, 1, 1}), frame, options, result);
+  }
+  return result;
 }
 
 SurfaceDistances measure_distances(const InterfaceMesh& surface,
@@ -199,9 +246,14 @@ SurfaceDistances measure_distances(const InterfaceMesh& surface,
                                    std::size_t material_count,
                                    const SurfaceFidelityOptions& options) {
   const std::vector<VoxelFace> faces = find_voxel_faces(ids);
-  return measure(surface, ids.frame, material_count, options, [&](const Vec3& scale) {
-    return VoxelFaceSurface(faces, ids.frame.spacing_mm, scale);
-  });
+  const Vec3& spacing = ids.frame.spacing_mm;
+  SurfaceDistances result =
+      measure(surface, ids.frame, material_count, options,
+              [&](const Vec3& scale) { return VoxelFaceSurface(faces, spacing, scale); });
+  if (is_sheared(ids.frame))
+    measure_in_world(surface, MappedFaceSurface(faces, spacing, mm_to_world_vector(ids.frame)),
+                     ids.frame, options, result);
+  return result;
 }
 
 SurfaceFidelity measure_surface_fidelity(const InterfaceMesh& surface,

@@ -26,10 +26,15 @@ struct TwoSidedDistance {
   [[nodiscard]] double rms_symmetric() const;
 };
 
-/// One comparison, measured in millimetres and, anew, in index space (each axis divided by its
-/// spacing), where the nearest point may be another one.
+/// One comparison, measured in grid millimetres and, anew, in index space (each axis divided by its
+/// spacing), where the nearest point may be another one. Grid millimetres know no shear: where the
+/// axes of the volume are not at right angles (`is_sheared`), it is measured in the world as well.
 struct SurfaceDistance {
   TwoSidedDistance mm, voxels;
+  std::optional<TwoSidedDistance> world_mm{};
+
+  /// In the millimetres of the world, whatever the axes.
+  [[nodiscard]] const TwoSidedDistance& true_mm() const { return world_mm ? *world_mm : mm; }
 };
 
 /// One comparison for all interfaces together, for each material's boundary against the same

@@ -2,28 +2,29 @@
 #pragma once
 
 #include "cvmesh/labels/label_volume.h"
-#include "cvmesh/metrics/voxel_features.h"
 #include "cvmesh/params/parameters.h"
 
 #include <cstddef>
 
 namespace cvmesh {
 
-/// What a run is going to take, from its voxels alone.
+/// What a run is going to take: vertices, memory and time within a factor of two where they were
+/// measured (docs/robustness.md).
 struct Forecast {
-  std::size_t dense_facets = 0;
-  double surface_vertices = 0;  ///< within a factor of three
-  double tets = 0;
+  std::size_t dense_facets = 0;  ///< exactly
+  double surface_vertices = 0;
+  double tets = 0;       ///< a rule of thumb
   double memory_mb = 0;  ///< largest resident memory of cvmesh and its helper
   double seconds = 0;    ///< on idle cores of 2023
 };
 
-/// Time and memory follow the dense surface, the number of vertices and the number of voxels; the
-/// factors are measured (docs/robustness.md). Sizes of interfaces and boxes are not looked at.
-/// @param threads  of the run; half of the work is on one core
-Forecast make_forecast(const LabelVolume& labels,
-                       const VoxelFeatures& features,
-                       const Parameters& parameters,
-                       int threads);
+/// The first stages of the run give the forecast's sizes: level sets, which are smoothed less where
+/// they are large, dense surfaces, medial axis and sizing field. Memory and time follow facets,
+/// vertices and voxels.
+///
+/// @param labels   on the grid of the volume
+/// @param threads  of the run
+/// @note  about a tenth of the run's time and a third of its memory; parallel
+Forecast make_forecast(const LabelVolume& labels, const Parameters& parameters, int threads);
 
 }  // namespace cvmesh

@@ -121,9 +121,9 @@ void warn_of_idle_sizes(const Run& run,
 }
 
 /// The tightening options with the user's labels turned into material ids.
-TightenOptions tighten_options_of(const Run& run, const LabelVolume& labels) {
-  TightenOptions options = run.request.parameters.tighten;
-  for (const auto& [label, own] : run.request.parameters.labels)
+TightenOptions tighten_options_of(const Parameters& parameters, const LabelVolume& labels) {
+  TightenOptions options = parameters.tighten;
+  for (const auto& [label, own] : parameters.labels)
     if (const auto m = material_of(labels, label); m && own.r) options.r_vox_of[*m] = *own.r;
   // The smaller radius rules where materials meet, and the exterior has no say in it.
   double largest = options.r_vox;
@@ -156,16 +156,18 @@ void warn_of_coarse_parts(const Run& run, const LabelVolume& labels, const Sizin
 }
 
 /// The sizing options with the user's labels turned into material ids, and boxes into grid mm.
-SizingOptions sizing_options_of(const Run& run, const LabelVolume& labels) {
-  SizingOptions options = run.request.parameters.sizing;
-  for (const auto& [label, own] : run.request.parameters.labels)
+SizingOptions sizing_options_of(const Parameters& parameters,
+                                const Vec3& input_spacing_mm,
+                                const LabelVolume& labels) {
+  SizingOptions options = parameters.sizing;
+  for (const auto& [label, own] : parameters.labels)
     if (const auto m = material_of(labels, label))
       options.per_material[*m] = {own.epsilon, own.min_edge_mm, own.max_edge_mm};
-  for (const InterfaceParameters& own : run.request.parameters.interfaces)
+  for (const InterfaceParameters& own : parameters.interfaces)
     if (const auto sides = sides_of(labels, own.labels))
       options.per_interface[*sides] = {own.epsilon, own.min_edge_mm, own.max_edge_mm};
-  for (const BoxParameters& own : run.request.parameters.boxes)
-    options.boxes.push_back({box_mm(own.box, run.report.input.spacing_mm, labels),
+  for (const BoxParameters& own : parameters.boxes)
+    options.boxes.push_back({box_mm(own.box, input_spacing_mm, labels),
                              {own.epsilon, own.min_edge_mm, own.max_edge_mm}});
   return options;
 }

@@ -33,8 +33,11 @@ void warn_of_idle_sizes(const Run& run,
 /// Says which labels have parts with fewer than three facets around, the worst first.
 void warn_of_coarse_parts(const Run& run, const LabelVolume& labels, const SizingStats& stats);
 
-TightenOptions tighten_options_of(const Run& run, const LabelVolume& labels);
-SizingOptions sizing_options_of(const Run& run, const LabelVolume& labels);
+TightenOptions tighten_options_of(const Parameters& parameters, const LabelVolume& labels);
+/// @param input_spacing_mm  of the volume, which boxes of voxels are given in
+SizingOptions sizing_options_of(const Parameters& parameters,
+                                const Vec3& input_spacing_mm,
+                                const LabelVolume& labels);
 
 /// The options with every epsilon multiplied, so that all places keep their ratios.
 SizingOptions scaled(SizingOptions options, double factor);

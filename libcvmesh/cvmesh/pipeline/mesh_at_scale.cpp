@@ -370,7 +370,8 @@ TetMesh mesh_at_scale(Run& run,
                       LevelSets level_sets,
                       const Dense& dense,
                       MedialAxis medial_axis) {
-  const SizingOptions options = sizing_options_of(run, labels);
+  const SizingOptions options =
+      sizing_options_of(run.request.parameters, run.report.input.spacing_mm, labels);
   warn_of_idle_sizes(run, labels, dense, options);
   const Parameters& parameters = run.request.parameters;
   std::optional<SurfaceSampler> sampler(std::in_place, run, dense, level_sets,

@@ -11,7 +11,6 @@
 #include "cvmesh/io/volume_reader.h"
 #include "cvmesh/levelset/resample_labels.h"
 #include "cvmesh/metrics/facet_distances.h"
-#include "cvmesh/metrics/voxel_features.h"
 #include "cvmesh/pipeline/check_mesh.h"
 #include "cvmesh/pipeline/finish_mesh.h"
 #include "cvmesh/pipeline/forecast.h"
@@ -138,7 +137,8 @@ LevelSets smooth_level_sets_of(Run& run, const LabelVolume& labels) {
   TightenResult tightened = run.stage.run(
       stage_names::kTightening,
       [&] {
-        return tighten(std::move(built.level_sets), tighten_options_of(run, labels), run.context);
+        return tighten(std::move(built.level_sets),
+                       tighten_options_of(run.request.parameters, labels), run.context);
       },
       [](const TightenResult& r) {
         return fmt::format("{} sweeps, {} nodes changed", r.stats.sweeps, r.stats.nodes_changed);
@@ -297,8 +297,7 @@ void check_limits(Run& run, const LabelVolume& labels) {
   constexpr double kMemoryDoubt = 2, kTimeDoubt = 4;
   const RunLimits& limits = run.request.limits;
   if (limits.memory_mb <= 0 && limits.time_s <= 0) return;
-  const Forecast forecast = make_forecast(labels, measure_voxel_features(labels),
-                                          run.request.parameters, run.report.threads);
+  const Forecast forecast = make_forecast(labels, run.request.parameters, run.report.threads);
   const auto refuse = [&](const char* what, double need, double bound, const char* unit,
                           const char* option) {
     throw Error(ErrorCode::Limit, stage_names::kLabels,

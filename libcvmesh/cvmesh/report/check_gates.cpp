@@ -54,11 +54,11 @@ constexpr Gate kGates[] = {
      [](const Report& r) -> Measured { return {r.quality->tets.scaled_jacobian.min}; }},
     {"max_volume_error_percent", true, &largest_volume_error_percent},
     {"max_distance_mm", false,
-     [](const Report& r) -> Measured { return {to_dense(r).mm.hausdorff_upper_bound()}; }},
+     [](const Report& r) -> Measured { return {to_dense(r).true_mm().hausdorff_upper_bound()}; }},
     {"max_distance_vox", false,
      [](const Report& r) -> Measured { return {to_dense(r).voxels.hausdorff_upper_bound()}; }},
     {"max_mean_distance_mm", false,
-     [](const Report& r) -> Measured { return {to_dense(r).mm.mean_symmetric()}; }},
+     [](const Report& r) -> Measured { return {to_dense(r).true_mm().mean_symmetric()}; }},
     {"max_mean_distance_vox", false,
      [](const Report& r) -> Measured { return {to_dense(r).voxels.mean_symmetric()}; }},
     {"max_kept_vertices", false, [](const Report& r) -> Measured {

@@ -38,8 +38,10 @@ Json two_sided_json(const TwoSidedDistance& distance, const Report& report) {
 }
 
 Json distance_json(const SurfaceDistance& distance, const Report& report) {
-  return {{"mm", two_sided_json(distance.mm, report)},
-          {"voxels", two_sided_json(distance.voxels, report)}};
+  Json json = {{"mm", two_sided_json(distance.mm, report)},
+               {"voxels", two_sided_json(distance.voxels, report)}};
+  if (distance.world_mm) json["world_mm"] = two_sided_json(*distance.world_mm, report);
+  return json;
 }
 
 /// Calls visit(key, distances) for every reference that was measured.

@@ -228,7 +228,8 @@ Json metrics_schema() {
       {"distance_stats", distance_stats()},
       {"two_sided_distance", two_sided_distance()},
       {"surface_distance", object_of({{"mm", reference("two_sided_distance")},
-                                      {"voxels", reference("two_sided_distance")}})},
+                                      {"voxels", reference("two_sided_distance")}},
+                                     {{"world_mm", reference("two_sided_distance")}})},
       {"tet_quality", tet_quality()},
       {"quality", quality()}};
   return schema;

@@ -161,6 +161,7 @@ const ToleranceRules& default_tolerances() {
       {"**.distances.**.max_error", kIgnored},
       {"**.distances.**.mean_standard_error", kIgnored},
       {"**.distances.**.mm.**", kIgnored},
+      {"**.distances.**.world_mm.**", kIgnored},
       {"**.samples_per_square_voxel", kExact},
       // Only compared on request.
       {"timings.**.seconds", within(1, 0.5)},

@@ -184,18 +184,21 @@
                   ["dense surface → mesh", dense, "reference_to_mesh"],
                   ["mesh → voxel faces", labels, "mesh_to_reference"],
                   ["voxel faces → mesh", labels, "reference_to_mesh"]];
-    const figure = (title, unit, key) => ({
-      title, unit, group: unit, of: ([, distance, way]) =>
-        short(distance[unit][way][key])});
+    const figure = (title, group, space, key) => ({
+      title, group, of: ([, distance, way]) => short(distance[space][way][key])});
     const keys = [["mean", "mean"], ["RMS", "rms"], ["95 %", "p95"], ["largest", "max"]];
+    // Of a sheared volume grid mm are no true lengths; those of the world are there beside them.
+    const mm = labels.world_mm ? "world_mm" : "mm";
     fillTable(byId("distances"), [
       {title: "", className: "text", of: ([name]) => name},
-      ...keys.map(([title, key]) => figure(title, "voxels", key)),
-      ...keys.map(([title, key]) => figure(title, "mm", key))].map(
-        ({unit, ...column}) => column), rows);
+      ...keys.map(([title, key]) => figure(title, "voxels", "voxels", key)),
+      ...keys.map(([title, key]) => figure(title, labels.world_mm ? "mm in the world" : "mm",
+                                           mm, key))], rows);
     const mean = data.facet_distance.mean_mm;
+    const grid = labels.world_mm ? ", in mm of the grid without its shear" : "";
     byId("distance-chart").replaceChildren(charts.histogram(histograms.distance_mm, {
-      title: "Mesh to dense surface", note: "share of the surface's area", axis: "mm", unit: " mm",
+      title: "Mesh to dense surface", note: "share of the surface's area" + grid, axis: "mm",
+      unit: " mm",
       what: "the area", marks: [{at: mean, text: `mean ${short(mean)} mm`}]}));
   }
 
@@ -275,7 +278,7 @@
     cards.push(card(count(mesh.surface_vertices), "", "surface vertices"));
     cards.push(card(count(mesh.surface_triangles), "", "surface triangles"));
     if (dense)
-      cards.push(card(short(dense.mm.mean_symmetric), "mm",
+      cards.push(card(short((dense.world_mm ?? dense.mm).mean_symmetric), "mm",
                       "mean distance to the surface, " +
                       `${short(dense.voxels.mean_symmetric, 2)} voxels`));
     cards.push(card(fixed(quality.triangles.radius_ratio.mean, 3), "2r/R",

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
-#include "cvmesh/metrics/voxel_features.h"
+#include "cvmesh/metrics/thinnest_parts.h"
 
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/labels/voxel_box.h"
@@ -151,65 +151,10 @@ std::vector<float> feature_sizes(const LabelVolume& labels) {
   return feature;
 }
 
-/// Facets of label marching tetrahedra in a lattice tet with these labels at its corners.
-std::size_t facets_in_tet(std::array<MaterialId, 4> corners) {
-  std::sort(corners.begin(), corners.end());
-  const auto first = std::count(corners.begin(), corners.end(), corners[0]);
-  switch (std::unique(corners.begin(), corners.end()) - corners.begin()) {
-    case 1:
-      return 0;
-    case 2:
-      return first == 2 ? 2 : 1;  // a quadrilateral, or a triangle that cuts one corner off
-    case 3:
-      return 5;  // two quadrilaterals and a triangle around a curve
-    default:
-      return 12;  // two triangles for every edge of the tet, around a corner
-  }
-}
+}  // namespace
 
-std::size_t facets_in_cube(const std::array<MaterialId, 8>& corner) {
-  // The six chains 0 < m1 < m2 < 7 of offset masks (bit 0: x) around the diagonal.
-  constexpr std::array<std::array<int, 2>, 6> kChains = {
-      {{1, 3}, {1, 5}, {2, 3}, {2, 6}, {4, 5}, {4, 6}}};
-  std::size_t facets = 0;
-  for (const auto& [m1, m2] : kChains)
-    facets += facets_in_tet({corner[0], corner[m1], corner[m2], corner[7]});
-  return facets;
-}
-
-/// Of the whole lattice, whose ghost layer repeats the border, and of the box where it is a plane.
-std::size_t count_dense_facets(const Grid<MaterialId>& ids) {
-  const auto& dims = ids.frame.dims;
-  const auto at = [&](int i, int j, int k) {
-    return ids(std::clamp(i, 0, dims[0] - 1), std::clamp(j, 0, dims[1] - 1),
-               std::clamp(k, 0, dims[2] - 1));
-  };
-  const auto in_plane = [&](std::size_t plane) {
-    const int k = static_cast<int>(plane) - 1;
-    std::size_t facets = 0;
-    for (int j = -1; j < dims[1]; ++j)
-      for (int i = -1; i < dims[0]; ++i) {
-        std::array<MaterialId, 8> corner{};
-        bool is_mixed = false;
-        for (int c = 0; c < 8; ++c) {
-          corner[c] = at(i + (c & 1), j + (c >> 1 & 1), k + (c >> 2));
-          is_mixed = is_mixed || corner[c] != corner[0];
-        }
-        if (is_mixed) facets += facets_in_cube(corner);
-        // Two facets on each face of the box that a cube of the ghost layer has.
-        const bool is_solid = corner[0] != kExterior;
-        if (is_solid)
-          facets += 2 * ((i < 0 || i == dims[0] - 1) + (j < 0 || j == dims[1] - 1) +
-                         (k < 0 || k == dims[2] - 1));
-      }
-    return facets;
-  };
-  return deterministic_reduce(0, static_cast<std::size_t>(dims[2]) + 1, std::size_t{0}, in_plane,
-                              std::plus<>(), 1);
-}
-
-/// Twice the feature size that the thinnest `kThinShare` of each material's boundary has at most.
-std::vector<double> thinnest_parts(const LabelVolume& labels, const std::vector<float>& feature) {
+std::vector<double> thinnest_parts_mm(const LabelVolume& labels) {
+  const std::vector<float> feature = feature_sizes(labels);
   std::vector<std::vector<float>> of(labels.material_count());
   for (std::size_t v = 0; v < feature.size(); ++v)
     if (feature[v] > 0 && std::isfinite(feature[v])) of[labels.ids.values[v]].push_back(feature[v]);
@@ -222,32 +167,6 @@ std::vector<double> thinnest_parts(const LabelVolume& labels, const std::vector<
     thinnest[m] = 2.0 * *nth;
   }
   return thinnest;
-}
-
-}  // namespace
-
-VoxelFeatures measure_voxel_features(const LabelVolume& labels) {
-  const GridFrame& frame = labels.frame();
-  const Vec3& s = frame.spacing_mm;
-  const std::array<double, 3> area = {s.y * s.z, s.x * s.z, s.x * s.y};
-  const std::vector<float> feature = feature_sizes(labels);
-  VoxelFeatures result;
-  for (int k = 0; k < frame.dims[2]; ++k)
-    for (int j = 0; j < frame.dims[1]; ++j)
-      for (int i = 0; i < frame.dims[0]; ++i) {
-        const std::size_t v = frame.linear(i, j, k);
-        if (feature[v] == 0) continue;
-        for_each_other(labels.ids, {i, j, k}, [&](const Voxel& w, int axis) {
-          const std::size_t other = frame.linear(w[0], w[1], w[2]);
-          if (other < v) return;  // each face once
-          const auto [low, high] = std::minmax(labels.ids.values[v], labels.ids.values[other]);
-          result.faces.push_back(
-              {low, high, static_cast<float>(area[axis]), std::min(feature[v], feature[other])});
-        });
-      }
-  result.dense_facets = count_dense_facets(labels.ids);
-  result.thinnest_mm = thinnest_parts(labels, feature);
-  return result;
 }
 
 }  // namespace cvmesh
