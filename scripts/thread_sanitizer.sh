@@ -18,15 +18,19 @@ tbb=$build/onetbb
 tbb_library=$tbb/build/onetbb_relwithdebinfo
 reports=$build/reports
 
-# The package lists of the source stay out of the system's own.
+# From where the system has its packages; the lists of their sources stay out of its own.
 build_onetbb() {
   apt="$tbb/apt"
-  mkdir -p "$apt/lists/partial" "$apt/archives/partial"
-  echo "deb-src [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg]" \
-    "http://deb.debian.org/debian bookworm main" >"$apt/sources.list"
+  mkdir -p "$apt/lists/partial" "$apt/archives/partial" "$apt/sources"
+  for file in /etc/apt/sources.list /etc/apt/sources.list.d/*; do
+    case $file in
+      *.list) [ ! -f "$file" ] || sed -n 's/^deb /deb-src /p' "$file" ;;
+      *.sources) sed 's/^Types:.*/Types: deb-src/' "$file" >"$apt/sources/$(basename "$file")" ;;
+    esac
+  done >"$apt/sources/all.list"
   (
     cd "$tbb"
-    set -- -o Dir::Etc::sourcelist="$apt/sources.list" -o Dir::Etc::sourceparts=- \
+    set -- -o Dir::Etc::sourcelist=- -o Dir::Etc::sourceparts="$apt/sources" \
       -o Dir::State::lists="$apt/lists" -o Dir::Cache="$apt"
     apt-get "$@" update
     apt-get "$@" source onetbb
