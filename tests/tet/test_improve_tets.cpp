@@ -263,6 +263,125 @@ TEST_CASE("improve_tets: the surface stays where it would move too far, or lies 
   CHECK(improve_tets(mesh, options, silent_context()).surface_flips == 0);
 }
 
+namespace {
+
+/// The longest way of a point of the surface from where it was.
+double longest_shift(const TetMesh& mesh, const InterfaceMesh& before) {
+  double longest = 0;
+  for (std::size_t v = 0; v < before.points.size(); ++v)
+    longest = std::max(longest, distance(mesh.surface.points[v], before.points[v]));
+  return longest;
+}
+
+/// A tet of material 2 above the flat roof, its lower facet at the given height.
+void add_ceiling(TetMesh& mesh, double height) {
+  const auto first = static_cast<std::int32_t>(mesh.points.size());
+  for (const Vec3& p :
+       {Vec3{-3, -2, height}, Vec3{3, -2, height}, Vec3{0, 4, height}, Vec3{0, 0, height + 3}})
+    mesh.points.push_back(p);
+  mesh.surface.points = mesh.points;
+  const std::array<std::int32_t, 4> tet{first, first + 1, first + 2, first + 3};
+  mesh.tets.push_back(tet);
+  mesh.material_of.push_back(2);
+  for (const auto& [a, b, c] : {std::array{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}) {
+    mesh.surface.facets.push_back({first + a, first + b, first + c});
+    mesh.surface.patch_of.push_back({{2, 0}, 0});
+  }
+}
+
+}  // namespace
+
+TEST_CASE(
+    "improve_tets: vertices of the surface move where it presses a tet flat, and no farther "
+    "than allowed",
+    "[tet][unit]") {
+  for (const double shift : {0.01, 0.5}) {
+    TetMesh mesh = flat_roof(0.02, true);
+    const TetMesh start = mesh;
+    ImproveTetsOptions options;
+    options.insert_below_deg = 0;  // here a new vertex would do, too
+    options.max_vertex_shift_mm = shift;
+    const ImproveTetsStats stats = improve_tets(mesh, options, silent_context());
+    CHECK(stats.shifted_vertices > 0);
+    CHECK(stats.after.min_deg > stats.before.min_deg);
+    CHECK(stats.max_vertex_shift_mm == longest_shift(mesh, start.surface));
+    CHECK(stats.max_vertex_shift_mm <= shift * (1 + 1e-12));
+    if (shift == 0.5) {
+      CHECK(stats.after.poor == 0);
+      CHECK(stats.max_vertex_shift_mm < shift);  // as far as it takes, and no farther
+    }
+    CHECK(std::equal(mesh.surface.points.begin(), mesh.surface.points.end(), mesh.points.begin()));
+    const Validation validation = validate(mesh, 3);
+    INFO(validation.summary());
+    CHECK(validation.is_valid());
+  }
+}
+
+TEST_CASE("improve_tets: vertices on the border of the image stay", "[tet][unit]") {
+  TetMesh mesh = flat_roof(0.02, false);
+  for (PatchKey& patch : mesh.surface.patch_of)
+    patch.wall = 6;
+  const InterfaceMesh before = mesh.surface;
+  ImproveTetsOptions options;
+  options.max_vertex_shift_mm = 0.5;
+  CHECK(improve_tets(mesh, options, silent_context()).shifted_vertices == 0);
+  CHECK(mesh.surface.points == before.points);
+}
+
+TEST_CASE("improve_tets: vertices that move leave room to what is across the exterior",
+          "[tet][unit]") {
+  // The upper edge of the roof would rise by more than the gap above it.
+  const double gap = 0.05;
+  ImproveTetsOptions options;
+  options.insert_below_deg = 0;
+  options.max_vertex_shift_mm = 1;
+  TetMesh open = flat_roof(0.02, false);
+  const auto highest = [](const TetMesh& mesh) {
+    return std::max(mesh.points[0].z, mesh.points[1].z);
+  };
+  improve_tets(open, options, silent_context());
+  REQUIRE(highest(open) > 0.02 + gap);
+
+  TetMesh mesh = flat_roof(0.02, false);
+  add_ceiling(mesh, 0.02 + gap);
+  improve_tets(mesh, options, silent_context());
+  CHECK(highest(mesh) < 0.02 + gap);
+  CHECK(find_intersections(mesh.surface).empty());
+  const Validation validation = validate(mesh, 3);
+  INFO(validation.summary());
+  CHECK(validation.is_valid());
+}
+
+TEST_CASE(
+    "improve_tets: two sheets that nearly touch are drawn apart, the same way at any number "
+    "of threads",
+    "[tet][determinism]") {
+  const InterfaceMesh surface =
+      join(sphere(kCentre, 15, 3, {1, 0}), sphere(kCentre, 14.9, 3, {2, 1}));
+  const TetMesh start = unimproved(surface, 3, 4);
+  TetMesh frozen = start;
+  const ImproveTetsStats without = improve_tets(frozen, {}, silent_context());
+  ImproveTetsOptions options;
+  options.max_vertex_shift_mm = 0.4;
+  TetMesh first = start;
+  const ImproveTetsStats stats = improve_tets(first, options, silent_context());
+  CHECK(without.after.poor > 100);
+  CHECK(stats.after.poor < without.after.poor / 10);
+  CHECK(longest_shift(first, surface) <= 0.4 * (1 + 1e-12));
+  CHECK(find_intersections(first.surface).empty());
+  const Validation validation = validate(first, 3);
+  INFO(validation.summary());
+  CHECK(validation.is_valid());
+  for (const std::size_t threads : {1U, 3U}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    TetMesh second = start;
+    improve_tets(second, options, silent_context());
+    CHECK(first.tets == second.tets);
+    CHECK(first.points == second.points);
+    CHECK(first.surface.points == second.surface.points);
+  }
+}
+
 TEST_CASE("OpenTets: a trial that is undone leaves nothing behind", "[tet][unit]") {
   TetMesh mesh = unimproved(sphere(kCentre, 15, 2, {1, 0}), 2, 6);
   const TetMesh start = mesh;

@@ -504,6 +504,7 @@ TetrahedralizeResult tetrahedralize(const InterfaceMesh& surface,
     ImproveTetsOptions improvement;
     improvement.passes = options.improvement_passes;
     improvement.max_surface_shift_mm = options.max_surface_shift_mm;
+    improvement.max_vertex_shift_mm = options.max_vertex_shift_mm;
     result.stats.improvement = improve_tets(result.tets, improvement, context);
     result.stats.steiner_points = result.tets.points.size() - surface.points.size();
   }
