@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/mesh/validate.h"
+#include "cvmesh/tet/angle_bounds.h"
 #include "cvmesh/tet/cavity.h"
 #include "cvmesh/tet/improve_tets.h"
 #include "cvmesh/tet/open_tets.h"
@@ -440,6 +441,59 @@ TEST_CASE("measure_dihedral_angles: poor tets in narrow wedges are told apart", 
   CHECK(flat.poor_in_wedges == 0);
   CHECK(flat.min_outside_wedges_deg == flat.min_deg);
   CHECK(flat.max_deg > 170);
+}
+
+TEST_CASE("AngleBounds: a sheet above a facet, and a wedge at its edge, bound the tet on it",
+          "[tet][unit]") {
+  // An equilateral facet of side 1 with a large one at some height above: the pyramid's tip, above
+  // the centre of the inscribed circle, meets it first.
+  const double root3 = std::sqrt(3.0), inner_radius = root3 / 6;
+  for (const double height : {0.01, 0.05, 0.2}) {
+    InterfaceMesh surface;
+    surface.points = {{-0.5, -inner_radius, 0}, {0.5, -inner_radius, 0}, {0, root3 / 3, 0},
+                      {-9, -9, height},         {9, -9, height},         {0, 9, height}};
+    surface.facets = {{0, 1, 2}, {3, 4, 5}};
+    surface.patch_of.assign(2, {{1, 0}, 0});
+    const AngleBounds bounds(surface);
+    const double expected = std::atan(height / inner_radius) * 180 / std::numbers::pi;
+    CHECK(bounds.of_tet_on({0, 1, 2}, 80) == Approx(expected));
+    CHECK(bounds.of_tet_on({0, 1, 2}, 1) == 1);
+    CHECK(bounds.of_tet_on({0, 2, 1}, 80) == 80);  // nothing on the other side
+  }
+  for (const double wedge : {3.0, 14.0, 70.0}) {
+    const double angle = wedge * std::numbers::pi / 180;
+    InterfaceMesh surface;
+    surface.points = {{0, 0, 0}, {1, 0, 0}, {0.5, 1, 0}, {0.5, std::cos(angle), std::sin(angle)}};
+    surface.facets = {{0, 1, 2}, {0, 3, 1}};
+    surface.patch_of.assign(2, {{1, 0}, 0});
+    CHECK(AngleBounds(surface).of_tet_on({0, 1, 2}, 80) == Approx(wedge));
+  }
+}
+
+TEST_CASE("AngleBounds: no tet beats the bound of its facet", "[tet][unit]") {
+  const InterfaceMesh surface =
+      join(sphere(kCentre, 15, 3, {1, 0}), sphere(kCentre, 14.9, 3, {2, 1}));
+  TetMesh mesh = unimproved(surface, 3, 4);
+  const DihedralAngles angles = improve_tets(mesh, {}, silent_context()).after;
+  CHECK(angles.poor > 0);
+  CHECK(angles.poor_bound_by_surface > 0);
+  CHECK(angles.poor_bound_by_surface <= angles.poor);
+  const OpenTets tets(mesh);
+  const AngleBounds bounds(mesh.surface);
+  std::size_t on_facets = 0, bound = 0;
+  for (std::int32_t t = 0; at(t) < tets.slot_count(); ++t)
+    for (std::size_t k = 0; k < 4; ++k) {
+      if (tets.neighbour(t, k) != OpenTets::kNone) continue;
+      const auto& f = OpenTets::kFaces[k];
+      const auto& tet = tets.tet(t);
+      const double most = bounds.of_tet_on({tet[f[0]], tet[f[2]], tet[f[1]]}, 80);
+      // The smallest sine is that of the smallest angle, or of a larger one near 180 degrees.
+      CHECK(std::asin(tets.score(t).min_sine) * 180 / std::numbers::pi <= most * (1 + 1e-9));
+      ++on_facets;
+      if (most < 12) ++bound;
+    }
+  CHECK(on_facets > 2000);
+  CHECK(bound > 100);
 }
 
 TEST_CASE("improve_tets: a new vertex helps where flips and moves cannot", "[tet][unit]") {

@@ -175,6 +175,7 @@ void to_json(Json& json, const DihedralAngles& angles) {
           {"max_outside_wedges_deg", angles.max_outside_wedges_deg},
           {"poor", angles.poor},
           {"poor_in_wedges", angles.poor_in_wedges},
+          {"poor_bound_by_surface", angles.poor_bound_by_surface},
           {"least_share_of_wedge", angles.least_share_of_wedge}};
 }
 
