@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/mesh/validate.h"
+#include "cvmesh/tet/angle_bounds.h"
 #include "cvmesh/tet/cavity.h"
 #include "cvmesh/tet/improve_tets.h"
 #include "cvmesh/tet/open_tets.h"
@@ -263,6 +264,125 @@ TEST_CASE("improve_tets: the surface stays where it would move too far, or lies 
   CHECK(improve_tets(mesh, options, silent_context()).surface_flips == 0);
 }
 
+namespace {
+
+/// The longest way of a point of the surface from where it was.
+double longest_shift(const TetMesh& mesh, const InterfaceMesh& before) {
+  double longest = 0;
+  for (std::size_t v = 0; v < before.points.size(); ++v)
+    longest = std::max(longest, distance(mesh.surface.points[v], before.points[v]));
+  return longest;
+}
+
+/// A tet of material 2 above the flat roof, its lower facet at the given height.
+void add_ceiling(TetMesh& mesh, double height) {
+  const auto first = static_cast<std::int32_t>(mesh.points.size());
+  for (const Vec3& p :
+       {Vec3{-3, -2, height}, Vec3{3, -2, height}, Vec3{0, 4, height}, Vec3{0, 0, height + 3}})
+    mesh.points.push_back(p);
+  mesh.surface.points = mesh.points;
+  const std::array<std::int32_t, 4> tet{first, first + 1, first + 2, first + 3};
+  mesh.tets.push_back(tet);
+  mesh.material_of.push_back(2);
+  for (const auto& [a, b, c] : {std::array{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}) {
+    mesh.surface.facets.push_back({first + a, first + b, first + c});
+    mesh.surface.patch_of.push_back({{2, 0}, 0});
+  }
+}
+
+}  // namespace
+
+TEST_CASE(
+    "improve_tets: vertices of the surface move where it presses a tet flat, and no farther "
+    "than allowed",
+    "[tet][unit]") {
+  for (const double shift : {0.01, 0.5}) {
+    TetMesh mesh = flat_roof(0.02, true);
+    const TetMesh start = mesh;
+    ImproveTetsOptions options;
+    options.insert_below_deg = 0;  // here a new vertex would do, too
+    options.max_vertex_shift_mm = shift;
+    const ImproveTetsStats stats = improve_tets(mesh, options, silent_context());
+    CHECK(stats.shifted_vertices > 0);
+    CHECK(stats.after.min_deg > stats.before.min_deg);
+    CHECK(stats.max_vertex_shift_mm == longest_shift(mesh, start.surface));
+    CHECK(stats.max_vertex_shift_mm <= shift * (1 + 1e-12));
+    if (shift == 0.5) {
+      CHECK(stats.after.poor == 0);
+      CHECK(stats.max_vertex_shift_mm < shift);  // as far as it takes, and no farther
+    }
+    CHECK(std::equal(mesh.surface.points.begin(), mesh.surface.points.end(), mesh.points.begin()));
+    const Validation validation = validate(mesh, 3);
+    INFO(validation.summary());
+    CHECK(validation.is_valid());
+  }
+}
+
+TEST_CASE("improve_tets: vertices on the border of the image stay", "[tet][unit]") {
+  TetMesh mesh = flat_roof(0.02, false);
+  for (PatchKey& patch : mesh.surface.patch_of)
+    patch.wall = 6;
+  const InterfaceMesh before = mesh.surface;
+  ImproveTetsOptions options;
+  options.max_vertex_shift_mm = 0.5;
+  CHECK(improve_tets(mesh, options, silent_context()).shifted_vertices == 0);
+  CHECK(mesh.surface.points == before.points);
+}
+
+TEST_CASE("improve_tets: vertices that move leave room to what is across the exterior",
+          "[tet][unit]") {
+  // The upper edge of the roof would rise by more than the gap above it.
+  const double gap = 0.05;
+  ImproveTetsOptions options;
+  options.insert_below_deg = 0;
+  options.max_vertex_shift_mm = 1;
+  TetMesh open = flat_roof(0.02, false);
+  const auto highest = [](const TetMesh& mesh) {
+    return std::max(mesh.points[0].z, mesh.points[1].z);
+  };
+  improve_tets(open, options, silent_context());
+  REQUIRE(highest(open) > 0.02 + gap);
+
+  TetMesh mesh = flat_roof(0.02, false);
+  add_ceiling(mesh, 0.02 + gap);
+  improve_tets(mesh, options, silent_context());
+  CHECK(highest(mesh) < 0.02 + gap);
+  CHECK(find_intersections(mesh.surface).empty());
+  const Validation validation = validate(mesh, 3);
+  INFO(validation.summary());
+  CHECK(validation.is_valid());
+}
+
+TEST_CASE(
+    "improve_tets: two sheets that nearly touch are drawn apart, the same way at any number "
+    "of threads",
+    "[tet][determinism]") {
+  const InterfaceMesh surface =
+      join(sphere(kCentre, 15, 3, {1, 0}), sphere(kCentre, 14.9, 3, {2, 1}));
+  const TetMesh start = unimproved(surface, 3, 4);
+  TetMesh frozen = start;
+  const ImproveTetsStats without = improve_tets(frozen, {}, silent_context());
+  ImproveTetsOptions options;
+  options.max_vertex_shift_mm = 0.4;
+  TetMesh first = start;
+  const ImproveTetsStats stats = improve_tets(first, options, silent_context());
+  CHECK(without.after.poor > 100);
+  CHECK(stats.after.poor < without.after.poor / 10);
+  CHECK(longest_shift(first, surface) <= 0.4 * (1 + 1e-12));
+  CHECK(find_intersections(first.surface).empty());
+  const Validation validation = validate(first, 3);
+  INFO(validation.summary());
+  CHECK(validation.is_valid());
+  for (const std::size_t threads : {1U, 3U}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    TetMesh second = start;
+    improve_tets(second, options, silent_context());
+    CHECK(first.tets == second.tets);
+    CHECK(first.points == second.points);
+    CHECK(first.surface.points == second.surface.points);
+  }
+}
+
 TEST_CASE("OpenTets: a trial that is undone leaves nothing behind", "[tet][unit]") {
   TetMesh mesh = unimproved(sphere(kCentre, 15, 2, {1, 0}), 2, 6);
   const TetMesh start = mesh;
@@ -321,6 +441,59 @@ TEST_CASE("measure_dihedral_angles: poor tets in narrow wedges are told apart", 
   CHECK(flat.poor_in_wedges == 0);
   CHECK(flat.min_outside_wedges_deg == flat.min_deg);
   CHECK(flat.max_deg > 170);
+}
+
+TEST_CASE("AngleBounds: a sheet above a facet, and a wedge at its edge, bound the tet on it",
+          "[tet][unit]") {
+  // An equilateral facet of side 1 with a large one at some height above: the pyramid's tip, above
+  // the centre of the inscribed circle, meets it first.
+  const double root3 = std::sqrt(3.0), inner_radius = root3 / 6;
+  for (const double height : {0.01, 0.05, 0.2}) {
+    InterfaceMesh surface;
+    surface.points = {{-0.5, -inner_radius, 0}, {0.5, -inner_radius, 0}, {0, root3 / 3, 0},
+                      {-9, -9, height},         {9, -9, height},         {0, 9, height}};
+    surface.facets = {{0, 1, 2}, {3, 4, 5}};
+    surface.patch_of.assign(2, {{1, 0}, 0});
+    const AngleBounds bounds(surface);
+    const double expected = std::atan(height / inner_radius) * 180 / std::numbers::pi;
+    CHECK(bounds.of_tet_on({0, 1, 2}, 80) == Approx(expected));
+    CHECK(bounds.of_tet_on({0, 1, 2}, 1) == 1);
+    CHECK(bounds.of_tet_on({0, 2, 1}, 80) == 80);  // nothing on the other side
+  }
+  for (const double wedge : {3.0, 14.0, 70.0}) {
+    const double angle = wedge * std::numbers::pi / 180;
+    InterfaceMesh surface;
+    surface.points = {{0, 0, 0}, {1, 0, 0}, {0.5, 1, 0}, {0.5, std::cos(angle), std::sin(angle)}};
+    surface.facets = {{0, 1, 2}, {0, 3, 1}};
+    surface.patch_of.assign(2, {{1, 0}, 0});
+    CHECK(AngleBounds(surface).of_tet_on({0, 1, 2}, 80) == Approx(wedge));
+  }
+}
+
+TEST_CASE("AngleBounds: no tet beats the bound of its facet", "[tet][unit]") {
+  const InterfaceMesh surface =
+      join(sphere(kCentre, 15, 3, {1, 0}), sphere(kCentre, 14.9, 3, {2, 1}));
+  TetMesh mesh = unimproved(surface, 3, 4);
+  const DihedralAngles angles = improve_tets(mesh, {}, silent_context()).after;
+  CHECK(angles.poor > 0);
+  CHECK(angles.poor_bound_by_surface > 0);
+  CHECK(angles.poor_bound_by_surface <= angles.poor);
+  const OpenTets tets(mesh);
+  const AngleBounds bounds(mesh.surface);
+  std::size_t on_facets = 0, bound = 0;
+  for (std::int32_t t = 0; at(t) < tets.slot_count(); ++t)
+    for (std::size_t k = 0; k < 4; ++k) {
+      if (tets.neighbour(t, k) != OpenTets::kNone) continue;
+      const auto& f = OpenTets::kFaces[k];
+      const auto& tet = tets.tet(t);
+      const double most = bounds.of_tet_on({tet[f[0]], tet[f[2]], tet[f[1]]}, 80);
+      // The smallest sine is that of the smallest angle, or of a larger one near 180 degrees.
+      CHECK(std::asin(tets.score(t).min_sine) * 180 / std::numbers::pi <= most * (1 + 1e-9));
+      ++on_facets;
+      if (most < 12) ++bound;
+    }
+  CHECK(on_facets > 2000);
+  CHECK(bound > 100);
 }
 
 TEST_CASE("improve_tets: a new vertex helps where flips and moves cannot", "[tet][unit]") {

@@ -2,9 +2,11 @@
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/timer.h"
 #include "cvmesh/tet/tetgen_backend.h"
+#include "cvmesh/tet/tetrahedralize.h"
 
 #include "support/catch.h"
 #include "tet/shapes.h"
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <chrono>
@@ -275,6 +277,69 @@ TEST_CASE("run_tetgen: a helper that closes its output and lingers meets the tim
   const FakeHelper fake("exec >&- 2>&-; exec sleep 30");
   const TetgenRun result = run(single_tet(3, {1, 0}), "pYAQ", {.time_s = 0.3});
   CHECK(result.outcome == TetgenOutcome::TimedOut);
+}
+
+namespace {
+
+/// A file with the reply as the helper would write it.
+std::string write_reply(const tetgen_protocol::Reply& reply) {
+  const std::vector<char> payload = tetgen_protocol::encode(reply);
+  tetgen_protocol::Header header;
+  header.kind = tetgen_protocol::Kind::Reply;
+  header.payload_bytes = payload.size();
+  header.checksum = tetgen_protocol::checksum(payload);
+  char name[] = "/tmp/cvmesh_reply_XXXXXX";
+  close(mkstemp(name));
+  std::ofstream file(name, std::ios::binary);
+  file.write(reinterpret_cast<const char*>(&header), sizeof header);
+  file.write(payload.data(), static_cast<std::streamsize>(payload.size()));
+  return name;
+}
+
+/// How the stage ends when TetGen always gives this reply; empty when it gives a mesh.
+std::string end_with(const InterfaceMesh& surface, const tetgen_protocol::Reply& reply) {
+  const std::string file = write_reply(reply);
+  std::string message;
+  {
+    const FakeHelper fake("cat > /dev/null; cat " + file);
+    try {
+      tetrahedralize(surface, 2, {}, {.improvement_passes = 0}, silent_context());
+    } catch (const Error& error) {
+      CHECK(error.code() == ErrorCode::StageFailed);
+      message = error.what();
+    }
+  }
+  std::filesystem::remove(file);
+  return message;
+}
+
+}  // namespace
+
+TEST_CASE("tetrahedralize: a reply whose indices have shifted is refused, however sound its tets",
+          "[tet][unit]") {
+  const InterfaceMesh surface = sphere({0, 0, 0}, 1, 2, {1, 0});
+  const TetgenRun good = run(surface, "pYAq1.4JQ");
+  REQUIRE(good.outcome == TetgenOutcome::Meshed);
+  CHECK(end_with(surface, good.reply).empty());
+
+  // The same tets, but the surface's points have moved up by one place.
+  const auto count = static_cast<std::int32_t>(surface.points.size());
+  tetgen_protocol::Reply shifted = good.reply;
+  std::rotate(shifted.points.begin(), shifted.points.begin() + 1, shifted.points.begin() + count);
+  for (auto& tet : shifted.tets)
+    for (std::int32_t& v : tet)
+      if (v < count) v = (v + count - 1) % count;
+  const std::string message = end_with(surface, shifted);
+  CHECK(contains(message, "sets of TetGen switches filled the surface"));
+  CHECK(contains(message, "point 0 "));
+
+  // A point that was merged with its neighbour, as TetGen does where two nearly coincide.
+  tetgen_protocol::Reply merged = good.reply;
+  merged.points.erase(merged.points.begin() + 5);
+  for (auto& tet : merged.tets)
+    for (std::int32_t& v : tet)
+      if (v >= 5) --v;
+  CHECK(contains(end_with(surface, merged), "point 5 "));
 }
 
 TEST_CASE("find_tetgen_helper: a missing helper is named with the way out", "[tet][unit]") {

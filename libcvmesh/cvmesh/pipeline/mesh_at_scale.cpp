@@ -44,6 +44,9 @@ constexpr double kLeastEpsilon = 0.05, kMostEpsilon = 5;
 constexpr int kMostSurfaces = 3;
 /// Flips of surface edges under flat tets move the surface by no more than this.
 constexpr double kMostSurfaceShiftVox = 0.05;
+/// Vertices of the surface move no farther than this under flat tets, and no farther than what
+/// decimation takes for harmless, `deviation_vox`.
+constexpr double kMostVertexShiftVox = 0.25;
 /// Places beyond this part of the limit are refined: the next round's particles lie elsewhere, and
 /// what only just kept the limit may miss it then.
 constexpr double kWatched = 0.85;
@@ -146,7 +149,8 @@ void warn_of_poor_tets(Run& run, const LabelVolume& labels, const DihedralAngles
 TetMesh fill(Run& run,
              const LabelVolume& labels,
              InterfaceMesh surface,
-             const SizingField& sizing_field) {
+             const SizingField& sizing_field,
+             double max_vertex_shift_vox) {
   if (run.request.surface_only)
     return {.points = surface.points,
             .tets = {},
@@ -156,6 +160,7 @@ TetMesh fill(Run& run,
             .mid_of = {}};
   TetrahedralizeOptions options = run.request.parameters.tetrahedralize;
   options.max_surface_shift_mm = kMostSurfaceShiftVox * labels.frame().voxel_mm();
+  options.max_vertex_shift_mm = max_vertex_shift_vox * labels.frame().voxel_mm();
   TetrahedralizeResult filled = run.stage.run(
       stage_names::kTetrahedra,
       [&] {
@@ -200,9 +205,15 @@ struct Round {
 /// Fills the round's surfaces; where TetGen cannot, or tets are too flat for files, those of
 /// another order of decimation.
 void fill(Run& run, const LabelVolume& labels, const Dense& dense, double limit_mm, Round& round) {
+  // A distance that was measured and kept must not grow afterwards.
+  const double max_vertex_shift_vox =
+      std::isfinite(limit_mm)
+          ? 0
+          : std::min(kMostVertexShiftVox, run.request.parameters.decimate.deviation_vox);
   for (int order = 1;; ++order)
     try {
-      round.tets = fill(run, labels, round.sparse.surface, round.sampling.sizing_field);
+      round.tets = fill(run, labels, round.sparse.surface, round.sampling.sizing_field,
+                        max_vertex_shift_vox);
       require_positive(round.tets, run.mm_to_out, run.space);
       if (run.report.stages.tetrahedra) run.report.stages.tetrahedra->surfaces_tried = order;
       return;

@@ -144,6 +144,7 @@ Json poor_tets_json(const std::vector<PoorTet>& places, const std::vector<Label>
                 {"max_deg", place.max_deg},
                 {"position_grid_mm", {place.position.x, place.position.y, place.position.z}}};
     if (place.wedge_deg > 0) tet["wedge_deg"] = place.wedge_deg;
+    if (place.bound_deg > 0) tet["bound_deg"] = place.bound_deg;
     poor.push_back(tet);
   }
   return poor;

@@ -175,6 +175,7 @@ void to_json(Json& json, const DihedralAngles& angles) {
           {"max_outside_wedges_deg", angles.max_outside_wedges_deg},
           {"poor", angles.poor},
           {"poor_in_wedges", angles.poor_in_wedges},
+          {"poor_bound_by_surface", angles.poor_bound_by_surface},
           {"least_share_of_wedge", angles.least_share_of_wedge}};
 }
 
@@ -186,6 +187,8 @@ void to_json(Json& json, const ImproveTetsStats& stats) {
           {"contractions", stats.contractions},
           {"insertions", stats.insertions},
           {"surface_flips", stats.surface_flips},
+          {"shifted_vertices", stats.shifted_vertices},
+          {"max_vertex_shift_mm", stats.max_vertex_shift_mm},
           {"dihedral_before", stats.before},
           {"dihedral_after", stats.after}};
 }

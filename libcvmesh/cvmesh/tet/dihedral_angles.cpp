@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/tet/dihedral_angles.h"
 
+#include "cvmesh/tet/angle_bounds.h"
 #include "cvmesh/tet/open_tets.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <optional>
 #include <utility>
 
 namespace cvmesh {
@@ -66,10 +68,23 @@ double wedge_at(const OpenTets& tets, std::int32_t t, std::size_t e) {
   return wedge;
 }
 
+/// The least bound on a tet over the facets of tet t; 0 where there is none below poor.
+double bound_of(const OpenTets& tets, std::int32_t t, const AngleBounds& bounds) {
+  double least = kPoorMinDeg;
+  for (std::size_t k = 0; k < 4; ++k) {
+    if (tets.neighbour(t, k) != OpenTets::kNone) continue;
+    const auto& f = OpenTets::kFaces[k];  // seen from outside
+    const Tet& tet = tets.tet(t);
+    least = std::min(least, bounds.of_tet_on({tet[f[0]], tet[f[2]], tet[f[1]]}, kPoorMinDeg));
+  }
+  return least < kPoorMinDeg ? least : 0;
+}
+
 }  // namespace
 
 DihedralAngles measure_dihedral_angles(const OpenTets& tets) {
   DihedralAngles result;
+  std::optional<AngleBounds> bounds;
   const auto add_free = [&](double min_deg, double max_deg) {
     result.min_outside_wedges_deg = std::min(result.min_outside_wedges_deg, min_deg);
     result.max_outside_wedges_deg = std::max(result.max_outside_wedges_deg, max_deg);
@@ -84,7 +99,8 @@ DihedralAngles measure_dihedral_angles(const OpenTets& tets) {
       add_free(*min, *max);
       continue;
     }
-    PoorTet poor{{}, tets.material(t), *min, *max, 0};
+    if (!bounds) bounds.emplace(tets.surface());
+    PoorTet poor{{}, tets.material(t), *min, *max, 0, bound_of(tets, t, *bounds)};
     for (const std::int32_t v : tets.tet(t))
       poor.position += tets.point(v) / 4;
     double wedge = kNarrowWedgeDeg;
@@ -96,6 +112,7 @@ DihedralAngles measure_dihedral_angles(const OpenTets& tets) {
       result.least_share_of_wedge = std::min(result.least_share_of_wedge, *min / wedge);
     } else {
       ++result.poor;
+      if (poor.bound_deg > 0) ++result.poor_bound_by_surface;
       add_free(*min, *max);
     }
     result.places.push_back(poor);

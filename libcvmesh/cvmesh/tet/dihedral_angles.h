@@ -24,6 +24,7 @@ struct PoorTet {
   MaterialId material = kExterior;
   double min_deg = 0, max_deg = 0;  ///< of its dihedral angles
   double wedge_deg = 0;             ///< the narrow wedge at one of its edges; 0: none
+  double bound_deg = 0;  ///< least of `AngleBounds` over its facets, where below 12; 0: none
 };
 
 /// Dihedral angles of a tet mesh with the surface it is bound to.
@@ -33,8 +34,9 @@ struct DihedralAngles {
          max_outside_wedges_deg = 0;  ///< poor tets in wedges left out
   std::size_t poor = 0;               ///< outside narrow wedges
   std::size_t poor_in_wedges = 0;
-  double least_share_of_wedge = 1;  ///< smallest angle over the wedge's, of those in wedges
-  std::vector<PoorTet> places;      ///< the poorest first, at most `kMostPlaces`
+  std::size_t poor_bound_by_surface = 0;  ///< of `poor`: on their facet no tet can be better
+  double least_share_of_wedge = 1;        ///< smallest angle over the wedge's, of those in wedges
+  std::vector<PoorTet> places;            ///< the poorest first, at most `kMostPlaces`
 
   static constexpr std::size_t kMostPlaces = 50;
 };

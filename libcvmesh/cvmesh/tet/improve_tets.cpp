@@ -4,6 +4,7 @@
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/tet/cavity.h"
+#include "cvmesh/tet/open_gaps.h"
 #include "cvmesh/tet/open_tets.h"
 
 #include <spdlog/spdlog.h>
@@ -14,6 +15,7 @@
 #include <cstdint>
 #include <limits>
 #include <numbers>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -37,6 +39,9 @@ constexpr double kLeastInsertionGain = 0.01;
 constexpr double kLeastSine = 1e-9;
 /// A flip of a surface edge must not make triangles much poorer than they were.
 constexpr double kLeastShapeKept = 0.5;
+/// Vertices of the surface move for tets below it. At 15 degrees the sine is that of 165, too: the
+/// tets leave both ends of what counts as poor.
+constexpr double kOpenGapsBelowDeg = 15.1;
 /// Most tets around an edge that is removed: larger rings hardly ever gain.
 constexpr std::size_t kMaxRing = 9;
 constexpr std::int32_t kNone = OpenTets::kNone;
@@ -176,11 +181,33 @@ class Improver {
         if (shed_at(t, e, max_shift, stats)) break;
   }
 
+  /// Moves vertices of the surface where it presses tets flat, with flips for what they allow.
+  void open_gaps(double max_shift, ImproveTetsStats& stats) {
+    if (!(max_shift > 0)) return;
+    const double poor = std::sin(kOpenGapsBelowDeg * kDegree);
+    GapOpener gaps(tets_, max_shift, poor, most_tries_);
+    for (const double share : {0.25, 0.5, 1.0, 1.0}) {
+      if (gaps.open(share) == 0) continue;
+      mend(stats);
+      if (share < 1 || !(insert_below_ > 0)) continue;
+      failures_.clear();  // there is room where there was none
+      insert(poor, stats);
+    }
+    std::tie(stats.shifted_vertices, stats.max_vertex_shift_mm) = gaps.shifts();
+  }
+
   /// One round of new vertices in tets that neither flips nor moves could help, worst first.
-  void insert(ImproveTetsStats& stats) {
-    for (const std::int32_t t : poor_tets(insert_below_)) {
+  void insert(ImproveTetsStats& stats) { insert(insert_below_, stats); }
+
+ private:
+  [[nodiscard]] std::size_t share_of_vertices(double share) const {
+    return static_cast<std::size_t>(share * static_cast<double>(tets_.point_count()));
+  }
+
+  void insert(double below, ImproveTetsStats& stats) {
+    for (const std::int32_t t : poor_tets(below)) {
       if (stats.insertions >= most_insertions_ || stats.insertion_tries >= most_tries_) break;
-      if (!is_open(t, insert_below_, tried_insertion_)) continue;
+      if (!is_open(t, below, tried_insertion_)) continue;
       // A tet that has stayed in place through some tries is bound by the surface around it.
       if (at(t) >= failures_.size()) failures_.resize(tets_.slot_count());
       Failures& failures = failures_[at(t)];
@@ -193,11 +220,6 @@ class Improver {
       else
         ++failures.count;
     }
-  }
-
- private:
-  [[nodiscard]] std::size_t share_of_vertices(double share) const {
-    return static_cast<std::size_t>(share * static_cast<double>(tets_.point_count()));
   }
 
   void leave_if_cancelled(std::size_t step) const {
@@ -651,6 +673,7 @@ ImproveTetsStats improve_tets(TetMesh& mesh,
                        stats.insertion_tries - tries_then);
     if (may_insert && (flips + moves + inserted) * kQuietPass < improver.slot_count()) break;
   }
+  improver.open_gaps(options.max_vertex_shift_mm, stats);
   stats.after = improver.measure();
   improver.close();
   return stats;

@@ -37,6 +37,7 @@ struct ImproveTetsOptions {
   double comfort_deg = 16;
   double insert_below_deg = 20;          ///< a new vertex only for such a tet; 0: none
   double max_surface_shift_mm = 0;       ///< of flips of surface edges; 0: no such flips
+  double max_vertex_shift_mm = 0;        ///< of vertices of the surface; 0: they stay
   double max_insertions_per_vertex = 1;  ///< bound on new vertices, over those of the mesh
   /// Bound on tets in which new vertices are tried, over the vertices of the mesh, and how many are
   /// always allowed. Sparse surfaces of thin parts ask for up to 0.34 a vertex, pure noise for 2.
@@ -49,6 +50,8 @@ struct ImproveTetsStats {
   std::size_t moves = 0, edge_removals = 0, face_flips = 0, contractions = 0, insertions = 0;
   std::size_t insertion_tries = 0;  ///< tets in which new vertices were tried
   std::size_t surface_flips = 0;
+  std::size_t shifted_vertices = 0;  ///< of the surface
+  double max_vertex_shift_mm = 0;    ///< the longest way of one
   DihedralAngles before, after;
 };
 

@@ -233,13 +233,16 @@ void OpenTets::set_facet(std::int32_t facet, const Face& corners) {
     facets_of_[at(v)].push_back(facet);
 }
 
+void OpenTets::find_facets_at_points() {
+  if (!facets_of_.empty()) return;
+  facets_of_.resize(mesh_.surface.points.size());
+  for (std::size_t f = 0; f < mesh_.surface.facets.size(); ++f)
+    for (const std::int32_t v : mesh_.surface.facets[f])
+      facets_of_[at(v)].push_back(static_cast<std::int32_t>(f));
+}
+
 void OpenTets::find_tets_at_facets() {
-  if (facets_of_.empty()) {
-    facets_of_.resize(mesh_.surface.points.size());
-    for (std::size_t f = 0; f < mesh_.surface.facets.size(); ++f)
-      for (const std::int32_t v : mesh_.surface.facets[f])
-        facets_of_[at(v)].push_back(static_cast<std::int32_t>(f));
-  }
+  find_facets_at_points();
   faces_at_facets_.clear();
   for (std::size_t t = 0; t < tets_.size(); ++t)
     for (std::size_t k = 0; k < 4; ++k)
@@ -334,7 +337,7 @@ void OpenTets::move_point(std::int32_t v,
                           const Vec3& position,
                           const std::vector<std::int32_t>& star) {
   if (is_trial_) points_before_.push_back({v, point(v)});
-  mesh_.points[at(v)] = position;
+  set_position(v, position);
   ++clock_;
   for (const std::int32_t t : star) {
     remember_slot(t);
@@ -342,6 +345,11 @@ void OpenTets::move_point(std::int32_t v,
     for (const std::int32_t u : tet(t))
       mark_changed(u);
   }
+}
+
+void OpenTets::set_position(std::int32_t v, const Vec3& position) {
+  mesh_.points[at(v)] = position;
+  if (is_on_surface(v)) mesh_.surface.points[at(v)] = position;
 }
 
 void OpenTets::begin_trial() {
@@ -372,7 +380,7 @@ void OpenTets::undo_trial() {
   for (auto facet = facets_before_.rbegin(); facet != facets_before_.rend(); ++facet)
     set_facet(facet->facet, facet->corners);
   for (auto p = points_before_.rbegin(); p != points_before_.rend(); ++p)
-    mesh_.points[at(p->v)] = p->position;
+    set_position(p->v, p->position);
   for (auto hint = hints_before_.rbegin(); hint != hints_before_.rend(); ++hint)
     tet_of_[at(hint->v)] = hint->t;
   for (auto change = changes_before_.rbegin(); change != changes_before_.rend(); ++change)

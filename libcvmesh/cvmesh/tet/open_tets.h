@@ -13,7 +13,7 @@ namespace cvmesh {
 
 /// A tet mesh with neighbours and scores, open to local changes that fill the same space.
 ///
-/// Points of the surface are fixed, and so are its facets but for `hand_over`: a facet, and the
+/// Facets of the surface stay, but for `hand_over`: a facet, and the
 /// outside, is no neighbour, so that what lies beyond never takes part in a change. Everything done
 /// since `begin_trial` can be taken back.
 class OpenTets {
@@ -71,6 +71,16 @@ class OpenTets {
     return mesh_.points[static_cast<std::size_t>(v)];
   }
 
+  [[nodiscard]] const InterfaceMesh& surface() const { return mesh_.surface; }
+
+  /// Looks up the facets around each vertex of the surface, once.
+  void find_facets_at_points();
+
+  /// After `find_facets_at_points`; in no special order.
+  [[nodiscard]] const std::vector<std::int32_t>& facets_at(std::int32_t v) const {
+    return facets_of_[static_cast<std::size_t>(v)];
+  }
+
   /// The score that a tet would have, as `score_tet` gives it.
   [[nodiscard]] TetScore score_of(const Tet& t, double floor = -1) const {
     return score_tet(point(t[0]), point(t[1]), point(t[2]), point(t[3]), floor);
@@ -99,7 +109,8 @@ class OpenTets {
 
   std::int32_t add_point(const Vec3& position);
 
-  /// Moves a vertex of the interior; `star` holds all tets around it.
+  /// Moves a vertex, and the surface with it where it lies there; `star` holds all tets around it,
+  /// on all sides of the surface.
   void move_point(std::int32_t v, const Vec3& position, const std::vector<std::int32_t>& star);
 
   /// Time of the last change at a vertex, and the time now: one tick per change.
@@ -157,6 +168,7 @@ class OpenTets {
   };
 
   void connect();
+  void set_position(std::int32_t v, const Vec3& position);
   void mark_changed(std::int32_t v);
   void remember_slot(std::int32_t t);
   void set_hint(std::int32_t v, std::int32_t t);

@@ -262,10 +262,13 @@ class Result {
 
  private:
   std::string check_points(const TetMesh& mesh) const {
-    const std::size_t n = surface_.points.size();
-    if (mesh.points.size() < n ||
-        std::memcmp(mesh.points.data(), surface_.points.data(), n * sizeof(Vec3)) != 0)
-      return "TetGen changed or merged points of the surface";
+    for (std::size_t v = 0; v < surface_.points.size(); ++v) {
+      const Vec3& p = surface_.points[v];
+      if (v < mesh.points.size() && std::memcmp(&mesh.points[v], &p, sizeof p) == 0) continue;
+      return "TetGen changed or merged points of the surface, from point " + std::to_string(v) +
+             " at " + format_number(p.x) + ", " + format_number(p.y) + ", " + format_number(p.z) +
+             " mm on";
+    }
     return {};
   }
 
@@ -501,6 +504,7 @@ TetrahedralizeResult tetrahedralize(const InterfaceMesh& surface,
     ImproveTetsOptions improvement;
     improvement.passes = options.improvement_passes;
     improvement.max_surface_shift_mm = options.max_surface_shift_mm;
+    improvement.max_vertex_shift_mm = options.max_vertex_shift_mm;
     result.stats.improvement = improve_tets(result.tets, improvement, context);
     result.stats.steiner_points = result.tets.points.size() - surface.points.size();
   }

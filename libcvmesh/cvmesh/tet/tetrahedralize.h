@@ -20,6 +20,7 @@ struct TetrahedralizeOptions {
   double memory_limit_mb = 0;       ///< of the TetGen process; 0: none
   int improvement_passes = 6;       ///< of `improve_tets` over the result; 0 turns it off
   double max_surface_shift_mm = 0;  ///< of `improve_tets`: flips of surface edges under flat tets
+  double max_vertex_shift_mm = 0;   ///< of `improve_tets`: of vertices of the surface
 };
 
 struct TetrahedralizeStats {
@@ -37,8 +38,8 @@ struct TetrahedralizeResult {
   TetrahedralizeStats stats;
 };
 
-/// Tets that fill every material of `surface`, whose points stay as they are; so do its facets,
-/// but for the edge flips that `max_surface_shift_mm` allows.
+/// Tets that fill every material of `surface`. Its points and facets stay as they are, but for the
+/// edge flips that `max_surface_shift_mm` allows and the moves that `max_vertex_shift_mm` does.
 ///
 /// The surface is certified first (closed, oriented, free of intersections). TetGen [Si 2015] then
 /// fills it in a helper program, adding points in the interior only, by up to six sets of switches
