@@ -62,6 +62,25 @@ TEST_CASE("make_forecast: facets exactly, vertices within a factor of two",
   }
 }
 
+TEST_CASE("bound_forecast: no forecast exceeds it", "[pipeline][property]") {
+  for (const auto& [name, volume] : phantoms::all_small()) {
+    const LabelVolume labels = clean_labels(volume, {}, silent_context()).labels;
+    for (const double epsilon : {0.1, 1.0, 4.0}) {
+      CAPTURE(name, epsilon);
+      const Forecast bound = bound_forecast(labels, with_epsilon(epsilon), 2).value();
+      const Forecast forecast = make_forecast(labels, with_epsilon(epsilon), 2);
+      CHECK(forecast.dense_facets <= bound.dense_facets);
+      CHECK(forecast.memory_mb <= bound.memory_mb);
+      CHECK(forecast.seconds <= bound.seconds);
+    }
+  }
+  Parameters resampled;
+  resampled.grid_spacing_mm = GridSpacing{.is_auto = true};
+  const LabelVolume labels =
+      clean_labels(phantoms::nested_balls(6, 12), {}, silent_context()).labels;
+  CHECK_FALSE(bound_forecast(labels, resampled, 2));
+}
+
 TEST_CASE("make_forecast: real volumes within a factor of two", "[pipeline][property]") {
   for (const char* name : {"cleaver_spheres.nii.gz", "rat_head.nii.gz"}) {
     const auto path = test_data::file(name);

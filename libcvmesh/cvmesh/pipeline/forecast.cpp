@@ -7,11 +7,13 @@
 #include "cvmesh/levelset/resample_labels.h"
 #include "cvmesh/levelset/tighten.h"
 #include "cvmesh/medial/extract_medial_axis.h"
+#include "cvmesh/metrics/measured_surfaces.h"
 #include "cvmesh/pipeline/label_options.h"
 #include "cvmesh/pipeline/run.h"
 #include "cvmesh/sizing/compute_sizing_field.h"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -76,34 +78,72 @@ Surfaces first_stages(const LabelVolume& labels,
   return result;
 }
 
+/// No edge is wanted shorter than this anywhere, but where a thin part needs three around it.
+double least_edge_mm(const Parameters& parameters, double voxel_mm) {
+  const double floor = parameters.sizing.min_feature_vox * voxel_mm;
+  double least = parameters.sizing.epsilon * floor;
+  const auto take = [&](const auto& sizes) {
+    if (sizes.epsilon) least = std::min(least, *sizes.epsilon * floor);
+    if (sizes.max_edge_mm) least = std::min(least, *sizes.max_edge_mm);
+  };
+  if (parameters.sizing.max_edge_mm) least = std::min(least, *parameters.sizing.max_edge_mm);
+  for (const auto& [label, own] : parameters.labels)
+    take(own);
+  for (const InterfaceParameters& own : parameters.interfaces)
+    take(own);
+  for (const BoxParameters& own : parameters.boxes)
+    take(own);
+  return least;
+}
+
+Forecast costs_of(std::size_t facets, double vertices, std::size_t voxels, int threads) {
+  Forecast forecast;
+  forecast.dense_facets = facets;
+  forecast.surface_vertices = vertices;
+  forecast.tets = kTetsPerVertex * vertices;
+  const auto of_facets = static_cast<double>(facets), of_voxels = static_cast<double>(voxels);
+  forecast.memory_mb =
+      kBaseMb + (kBytesPerVoxel * of_voxels +
+                 std::max(kBytesPerFacet * of_facets, kBytesPerVertex * vertices)) /
+                    kMebi;
+  const double on_one_thread = kBaseSeconds + kSecondsPerFacet * of_facets +
+                               kSecondsPerVoxel * of_voxels + kSecondsPerVertex * vertices;
+  forecast.seconds =
+      on_one_thread * (kSequentialShare + (1 - kSequentialShare) / std::max(1, threads));
+  return forecast;
+}
+
 }  // namespace
+
+std::optional<Forecast> bound_forecast(const LabelVolume& labels,
+                                       const Parameters& parameters,
+                                       int threads) {
+  if (parameters.grid_spacing_mm) return std::nullopt;
+  constexpr double kMostFacetsPerFace = 10;  // six as a rule, nine where labels meet everywhere
+  const std::vector<VoxelFace> faces = find_voxel_faces(labels.ids);
+  const Vec3& step = labels.frame().spacing_mm;
+  double area = 0;
+  for (const VoxelFace& face : faces)
+    area += step[(face.axis + 1) % 3] * step[(face.axis + 2) % 3];
+  const double edge = least_edge_mm(parameters, labels.frame().voxel_mm());
+  const double vertices = std::max({2 / std::sqrt(3.0) * area / (edge * edge),
+                                    static_cast<double>(parameters.target_vertices.value_or(0)),
+                                    static_cast<double>(parameters.target_tets.value_or(0))});
+  return costs_of(static_cast<std::size_t>(kMostFacetsPerFace) * faces.size(), vertices,
+                  labels.frame().size(), threads);
+}
 
 Forecast make_forecast(const LabelVolume& labels, const Parameters& parameters, int threads) {
   const std::optional<LabelVolume> resampled = on_working_grid(labels, parameters.grid_spacing_mm);
   const LabelVolume& working = resampled ? *resampled : labels;
   const Surfaces surfaces = first_stages(working, labels.frame().spacing_mm, parameters);
 
-  Forecast forecast;
-  forecast.dense_facets = surfaces.facets;
+  double vertices = surfaces.vertices;
   if (parameters.target_vertices)
-    forecast.surface_vertices = static_cast<double>(*parameters.target_vertices);
+    vertices = static_cast<double>(*parameters.target_vertices);
   else if (parameters.target_tets)
-    forecast.surface_vertices = static_cast<double>(*parameters.target_tets) / kTetsPerVertex;
-  else
-    forecast.surface_vertices = surfaces.vertices;
-  forecast.tets = kTetsPerVertex * forecast.surface_vertices;
-  const auto voxels = static_cast<double>(working.frame().size());
-  const auto facets = static_cast<double>(surfaces.facets);
-  forecast.memory_mb =
-      kBaseMb + (kBytesPerVoxel * voxels +
-                 std::max(kBytesPerFacet * facets, kBytesPerVertex * forecast.surface_vertices)) /
-                    kMebi;
-  const double on_one_thread = kBaseSeconds + kSecondsPerFacet * facets +
-                               kSecondsPerVoxel * voxels +
-                               kSecondsPerVertex * forecast.surface_vertices;
-  forecast.seconds =
-      on_one_thread * (kSequentialShare + (1 - kSequentialShare) / std::max(1, threads));
-  return forecast;
+    vertices = static_cast<double>(*parameters.target_tets) / kTetsPerVertex;
+  return costs_of(surfaces.facets, vertices, working.frame().size(), threads);
 }
 
 }  // namespace cvmesh

@@ -5,6 +5,7 @@
 #include "cvmesh/params/parameters.h"
 
 #include <cstddef>
+#include <optional>
 
 namespace cvmesh {
 
@@ -26,5 +27,12 @@ struct Forecast {
 /// @param threads  of the run
 /// @note  about a tenth of the run's time and a third of its memory; parallel
 Forecast make_forecast(const LabelVolume& labels, const Parameters& parameters, int threads);
+
+/// What no forecast exceeds: facets by the voxel faces, vertices as if all edges were as short as
+/// the finest anywhere. Takes no time; nothing is known for a working grid that is not the
+/// volume's.
+std::optional<Forecast> bound_forecast(const LabelVolume& labels,
+                                       const Parameters& parameters,
+                                       int threads);
 
 }  // namespace cvmesh

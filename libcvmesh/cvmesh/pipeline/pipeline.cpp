@@ -297,6 +297,15 @@ void check_limits(Run& run, const LabelVolume& labels) {
   constexpr double kMemoryDoubt = 2, kTimeDoubt = 4;
   const RunLimits& limits = run.request.limits;
   if (limits.memory_mb <= 0 && limits.time_s <= 0) return;
+  const auto exceeds_memory = [&](const Forecast& f) {
+    return limits.memory_mb > 0 && f.memory_mb > kMemoryDoubt * limits.memory_mb;
+  };
+  const auto exceeds_time = [&](const Forecast& f) {
+    return limits.time_s > 0 && f.seconds > kTimeDoubt * limits.time_s;
+  };
+  // A forecast takes a tenth of the run: mostly a bound tells that the limits are far away.
+  const auto most = bound_forecast(labels, run.request.parameters, run.report.threads);
+  if (most && !exceeds_memory(*most) && !exceeds_time(*most)) return;
   const Forecast forecast = make_forecast(labels, run.request.parameters, run.report.threads);
   const auto refuse = [&](const char* what, double need, double bound, const char* unit,
                           const char* option) {
@@ -305,10 +314,9 @@ void check_limits(Run& run, const LabelVolume& labels) {
                             "raise {}, crop the volume by region_of_interest, or raise epsilon",
                             need, unit, what, bound, unit, option));
   };
-  if (limits.memory_mb > 0 && forecast.memory_mb > kMemoryDoubt * limits.memory_mb)
+  if (exceeds_memory(forecast))
     refuse("memory", forecast.memory_mb, limits.memory_mb, "MiB", "--memory-limit");
-  if (limits.time_s > 0 && forecast.seconds > kTimeDoubt * limits.time_s)
-    refuse("time", forecast.seconds, limits.time_s, "s", "--time-limit");
+  if (exceeds_time(forecast)) refuse("time", forecast.seconds, limits.time_s, "s", "--time-limit");
 }
 
 void run_stages(Run& run) {
