@@ -362,12 +362,12 @@ FlipEdgesResult flip_edges(MaterialSurfaces surfaces,
       flipper.begin_pass(by_pairs);
       const std::vector<Edge> edges = list_edges(surfaces);
       // Most edges are left as they are. Which, is found out in parallel; it holds until something
-      // changes beside the edge.
-      std::vector<char> is_promising(edges.size(), false);
+      // changes beside the edge. Those that are not due yet may become so during the pass.
+      std::vector<char> is_promising(edges.size(), true);
       parallel_for_each_index(0, edges.size(), [&](std::size_t n) {
         const auto [a, b] = edges[n];
-        is_promising[n] =
-            (all || is_due(edges[n], by_pairs)) && flipper.is_promising(a, b, by_pairs);
+        if (all || is_due(edges[n], by_pairs))
+          is_promising[n] = flipper.is_promising(a, b, by_pairs);
       });
       std::size_t flips = 0;
       for (std::size_t n = 0; n < edges.size(); ++n) {
