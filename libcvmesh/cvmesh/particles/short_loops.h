@@ -27,6 +27,7 @@ struct LoweredSize {
 /// lowered place h may grow with slope 1.7 `delta` again.
 /// @param facets  of the sheet, edge-connected
 /// @param h_mm    of all dense vertices
+/// @return        the vertices whose h is to be lower, ascending
 std::vector<LoweredSize> sizes_at_short_loops(const InterfaceMesh& dense,
                                               const std::vector<std::int32_t>& facets,
                                               double delta,
