@@ -97,7 +97,8 @@ TEST_CASE("golden: a change of what the meshes are like is reported, by the valu
     CHECK(outcome.exit_code == 5);
     CHECK(outcome.out.find(path) != std::string::npos);
   };
-  is_reported(0, "epsilon=1.2", "results.labels.1.volume.mesh_mm3");
+  is_reported(0, "epsilon=1.2", "results.particles.total");
+  is_reported(0, "fit_vox=0", "results.labels.1.volume.mesh_mm3");
   is_reported(2, "smoothing_sweeps=1", "results.labels.1.particles");
   is_reported(3, "deviation_vox=0.05", "results.quality.triangles.radius_ratio.mean");
   is_reported(3, "delta=0.2", "results.labels.1.tets");

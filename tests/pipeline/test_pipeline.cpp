@@ -96,9 +96,9 @@ TEST_CASE("run_pipeline: every stage runs once, in order, and reports its progre
 
   using namespace stage_names;
   const std::vector<std::string> expected = {
-      kRead,       kLabels,       kLevelSets,     kTightening, kDenseSurfaces,
-      kMedialAxis, kSizingField,  kSeedParticles, kParticles,  kInsertion,
-      kDecimation, kEdgeFlipping, kTetrahedra,    kMetrics,    kWrite};
+      kRead,         kLabels,        kLevelSets, kTightening, kDenseSurfaces, kMedialAxis,
+      kSizingField,  kSeedParticles, kParticles, kInsertion,  kDecimation,    kVertexFit,
+      kEdgeFlipping, kTetrahedra,    kMetrics,   kWrite};
   CHECK(recorder.begun == expected);
   CHECK(recorder.ended == expected);
   CHECK(recorder.faults == std::vector<std::string>{});
@@ -134,7 +134,7 @@ TEST_CASE("run_pipeline: the sequential schedule tells what it took to conform t
   const auto place = std::find(recorder.begun.begin(), recorder.begun.end(), "edge conformity");
   REQUIRE(place != recorder.begun.end());
   CHECK(*(place - 1) == stage_names::kDecimation);
-  CHECK(*(place + 1) == stage_names::kEdgeFlipping);
+  CHECK(*(place + 1) == stage_names::kVertexFit);
   CHECK(recorder.faults == std::vector<std::string>{});
 
   const auto json = read_json(folder / "out" / "a.metrics.json");

@@ -274,13 +274,23 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .choices = kSchedules},
       {.key = "deviation_vox",
        .unit = "voxels",
-       .doc = "Distance between the sparse and the dense surface below which decimation and flips "
-              "look at the shape of the triangles only. Vertices of the surface may move as far, at "
-              "most 0.25, where it presses tets flat.",
+       .doc =
+           "Distance between the sparse and the dense surface below which decimation and flips "
+           "look at the shape of the triangles only. Vertices of the surface may move as far, at "
+           "most 0.25, where it presses tets flat.",
        .field = CVMESH_FIELD(decimate.deviation_vox),
        .min = 0,
        .max = kMostVoxels,
        .min_is_exclusive = true},
+      {.key = "fit_vox",
+       .unit = "voxels",
+       .doc =
+           "Farthest that a vertex of the surface leaves its particle to bring the facets around "
+           "it nearer to the dense surface: facets with their corners on a curved surface lie "
+           "on one side of it. 0 leaves all vertices on the particles.",
+       .field = CVMESH_FIELD(fit_vertices.max_shift_vox),
+       .min = 0,
+       .max = kMostVoxels},
       {.key = "on_degenerate",
        .doc = "A vertex that cannot be removed stays and is reported (\"keep\"), or stops the run "
               "(\"fail\").",

@@ -10,6 +10,7 @@
 #include "cvmesh/sizing/compute_sizing_field.h"
 #include "cvmesh/surface/decimate.h"
 #include "cvmesh/surface/decimate_sequential.h"
+#include "cvmesh/surface/fit_vertices.h"
 #include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/tet/tetrahedralize.h"
 
@@ -118,6 +119,7 @@ struct Parameters {
   SeedParticlesOptions seed_particles;
   DistributeParticlesOptions distribute_particles;
   DecimateOptions decimate;
+  FitVerticesOptions fit_vertices;
   FlipEdgesOptions flip_edges;
   TetrahedralizeOptions tetrahedralize;
   int element_order = 1;         ///< 2: with nodes on the edges

@@ -110,11 +110,25 @@ Sparse sparsen(Run& run,
                 });
   run.report.stages.decimation = decimated.stats;
 
+  FitVerticesResult fitted = run.stage.run(
+      stage_names::kVertexFit,
+      [&] {
+        return fit_vertices(std::move(decimated.surfaces), voxel_mm, parameters.fit_vertices,
+                            context);
+      },
+      [&](const FitVerticesResult& r) {
+        return fmt::format(
+            "{} vertices moved, by {:.2f} voxel on average; dense vertices are {:.3f} voxel (root "
+            "mean square) from the surface instead of {:.3f}",
+            r.stats.vertices, r.stats.mean_shift_mm / voxel_mm, r.stats.rms_after_mm / voxel_mm,
+            r.stats.rms_before_mm / voxel_mm);
+      });
+  run.report.stages.vertex_fit = fitted.stats;
+
   FlipEdgesResult flipped = run.stage.run(
       stage_names::kEdgeFlipping,
       [&] {
-        return flip_edges(std::move(decimated.surfaces), voxel_mm, parameters.flip_edges,
-                          run.context);
+        return flip_edges(std::move(fitted.surfaces), voxel_mm, parameters.flip_edges, run.context);
       },
       [](const FlipEdgesResult& r) {
         return fmt::format("{} flips in {} passes", r.stats.flips, r.stats.passes);

@@ -18,6 +18,7 @@ inline constexpr char kParticles[] = "particle optimisation";
 inline constexpr char kInsertion[] = "insertion";
 inline constexpr char kDecimation[] = "decimation";
 inline constexpr char kEdgeConformity[] = "edge conformity";  // sequential schedule only
+inline constexpr char kVertexFit[] = "vertex fit";
 inline constexpr char kEdgeFlipping[] = "edge flipping";
 inline constexpr char kDelaunay[] = "Delaunay tetrahedra";  // surface "delaunay" only
 inline constexpr char kTetrahedra[] = "tetrahedra";

@@ -22,6 +22,7 @@
 #include "cvmesh/sizing/compute_sizing_field.h"
 #include "cvmesh/surface/conform_edges.h"
 #include "cvmesh/surface/decimate.h"
+#include "cvmesh/surface/fit_vertices.h"
 #include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/surface/insert_particles.h"
 #include "cvmesh/tet/delaunay_tets.h"
@@ -88,6 +89,7 @@ struct StageResults {
   std::optional<InsertParticlesStats> insertion;
   std::optional<DecimateStats> decimation;
   std::optional<ConformEdgesStats> edge_conformity;  ///< only of the sequential schedule
+  std::optional<FitVerticesStats> vertex_fit;
   std::optional<FlipEdgesStats> edge_flipping;
   std::optional<DelaunayTetsStats> delaunay_tets;  ///< only of that baseline
   std::optional<TetrahedralizeStats> tetrahedra;

@@ -171,6 +171,7 @@ Json stages_json(const Report& report) {
   if (stages.edge_conformity)
     object["edge_conformity"]["pairs"] =
         pairs_json(stages.edge_conformity->passes, report.label_of);
+  add(object, "vertex_fit", stages.vertex_fit);
   add(object, "edge_flipping", stages.edge_flipping);
   add(object, "delaunay_tetrahedra", stages.delaunay_tets);
   add(object, "tetrahedra", stages.tetrahedra);

@@ -117,7 +117,6 @@ void to_json(Json& json, const DistributeParticlesStats& stats) {
 
 void to_json(Json& json, const InsertParticlesStats& stats) {
   json = {{"snapped", stats.snapped},
-          {"edge_splits", stats.edge_splits},
           {"facet_splits", stats.facet_splits},
           {"shared", stats.shared},
           {"off_position", stats.off_position}};
@@ -145,6 +144,16 @@ void to_json(Json& json, const ConformEdgesStats& stats) {
   json.update(Json(stats.total()));
   json["edges_given_up"] = stats.edges_given_up;
   json["boundaries_repeated"] = stats.boundaries_repeated;
+}
+
+void to_json(Json& json, const FitVerticesStats& stats) {
+  json = {{"vertices", stats.vertices},
+          {"refused", stats.refused},
+          {"sweeps", stats.sweeps},
+          {"mean_shift_mm", stats.mean_shift_mm},
+          {"max_shift_mm", stats.max_shift_mm},
+          {"rms_before_mm", stats.rms_before_mm},
+          {"rms_after_mm", stats.rms_after_mm}};
 }
 
 void to_json(Json& json, const FlipEdgesStats& stats) {

@@ -28,6 +28,7 @@ void to_json(nlohmann::ordered_json& json, const DecimateStats& stats);
 void to_json(nlohmann::ordered_json& json, const EdgeConformity& conformity);
 /// The sums; the passes go where their labels are known.
 void to_json(nlohmann::ordered_json& json, const ConformEdgesStats& stats);
+void to_json(nlohmann::ordered_json& json, const FitVerticesStats& stats);
 void to_json(nlohmann::ordered_json& json, const FlipEdgesStats& stats);
 void to_json(nlohmann::ordered_json& json, const DelaunayTetsStats& stats);
 void to_json(nlohmann::ordered_json& json, const TetrahedralizeStats& stats);

@@ -6,6 +6,7 @@
 #include "cvmesh/core/random.h"
 #include "cvmesh/mesh/flat_triangle.h"
 #include "cvmesh/surface/embedding_guard.h"
+#include "cvmesh/surface/independent_batches.h"
 #include "cvmesh/surface/triangulate_ring.h"
 
 #include <spdlog/spdlog.h>
@@ -323,8 +324,7 @@ class RemovalPlanner {
 // All that a removal takes away, makes and looks at meets the box of its rings. So removals whose
 // boxes are apart do not know of each other: a batch of such is planned on the surfaces as they
 // are, then carried out, in all materials at the same time. (CGAL's Euler operations share a free
-// list in each mesh, so edits of one mesh cannot run at the same time.) A vertex whose box meets
-// one that comes earlier waits for the next batch. Batches do not depend on the number of threads.
+// list in each mesh, so edits of one mesh cannot run at the same time.)
 class Decimator {
  public:
   Decimator(MaterialSurfaces& surfaces, double voxel_mm, double deviation_mm)
@@ -339,28 +339,23 @@ class Decimator {
   void try_each(const std::vector<std::int32_t>& queue,
                 const RingLimits& limits,
                 const Tell& tell) {
-    std::vector<std::int32_t> candidates, waiting;
-    std::size_t next = 0;
-    while (next < queue.size() || !waiting.empty()) {
-      candidates.swap(waiting);
-      while (candidates.size() < candidate_count_ && next < queue.size())
-        candidates.push_back(queue[next++]);
-      outline(candidates);
-      waiting = keep_independent(candidates.size());
-      parallel_for_each_index(
-          0, batch_.size(),
-          [&](std::size_t n) { planners_.local().complete(limits, plans_[batch_[n]]); }, kGrain);
-      removals_.clear();
-      for (const std::size_t n : batch_) {
-        const RemovalPlan& plan = plans_[n];
-        if (plan.refusal == Refusal::None)
-          removals_.push_back({plan.vertex, plan.sheets, plan.triangulations, plan.heirs});
-        tell(plan.vertex, plan.refusal);
-      }
-      surfaces_.remove_vertices(removals_, [&] { update_index(); });
-      planned_ += batch_.size();
-      adapt(candidates.size());
-    }
+    batches_.for_each(
+        queue, [&](const std::vector<std::int32_t>& candidates) { outline(candidates); },
+        [&](std::size_t n) -> const Box3& { return plans_[n].box; },
+        [&](const std::vector<std::size_t>& batch) {
+          parallel_for_each_index(
+              0, batch.size(),
+              [&](std::size_t n) { planners_.local().complete(limits, plans_[batch[n]]); }, kGrain);
+          removals_.clear();
+          for (const std::size_t n : batch) {
+            const RemovalPlan& plan = plans_[n];
+            if (plan.refusal == Refusal::None)
+              removals_.push_back({plan.vertex, plan.sheets, plan.triangulations, plan.heirs});
+            tell(plan.vertex, plan.refusal);
+          }
+          surfaces_.remove_vertices(removals_, [&] { update_index(); });
+          planned_ += batch.size();
+        });
   }
 
   /// Plans made so far.
@@ -368,27 +363,12 @@ class Decimator {
 
  private:
   static constexpr std::size_t kGrain = 8;
-  static constexpr std::size_t kLeastCandidates = 16, kMostCandidates = 256;
 
   void outline(const std::vector<std::int32_t>& candidates) {
     plans_.resize(std::max(plans_.size(), candidates.size()));
     parallel_for_each_index(
         0, candidates.size(),
         [&](std::size_t n) { planners_.local().outline(candidates[n], plans_[n]); }, kGrain);
-  }
-
-  // Makes a batch of the outlined plans; returns the vertices that have to wait.
-  std::vector<std::int32_t> keep_independent(std::size_t outlined) {
-    batch_.clear();
-    std::vector<std::int32_t> waiting;
-    for (std::size_t n = 0; n < outlined; ++n)
-      if (std::any_of(batch_.begin(), batch_.end(), [&](std::size_t earlier) {
-            return plans_[earlier].box.overlaps(plans_[n].box);
-          }))
-        waiting.push_back(plans_[n].vertex);
-      else
-        batch_.push_back(n);
-    return waiting;
   }
 
   void update_index() {
@@ -402,21 +382,12 @@ class Decimator {
     }
   }
 
-  // Fewer at a time where most have to wait.
-  void adapt(std::size_t outlined) {
-    if (2 * batch_.size() < outlined)
-      candidate_count_ = std::max(candidate_count_ / 2, kLeastCandidates);
-    else if (4 * batch_.size() > 3 * outlined)
-      candidate_count_ = std::min(candidate_count_ * 2, kMostCandidates);
-  }
-
   MaterialSurfaces& surfaces_;
   FacetIndex index_;
   tbb::enumerable_thread_specific<RemovalPlanner> planners_;
   std::vector<RemovalPlan> plans_;  // of the candidates
-  std::vector<std::size_t> batch_;  // numbers of plans whose boxes are apart
   std::vector<MaterialSurfaces::Removal> removals_;
-  std::size_t candidate_count_ = kMostCandidates;
+  IndependentBatches batches_;
   std::size_t planned_ = 0;
 };
 

@@ -18,7 +18,7 @@ enum class OnDegenerate {
 };
 
 struct DecimateOptions {
-  double deviation_vox = 0.25;  ///< distance to the dense surface below which shape rules
+  double deviation_vox = 0.5;  ///< distance to the dense surface below which shape rules
   OnDegenerate on_degenerate = OnDegenerate::Keep;
 };
 

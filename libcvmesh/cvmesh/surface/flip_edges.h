@@ -7,7 +7,7 @@
 namespace cvmesh {
 
 struct FlipEdgesOptions {
-  double deviation_vox = 0.25;  ///< as in `DecimateOptions`
+  double deviation_vox = 0.5;  ///< as in `DecimateOptions`
   int max_passes = 20;
 };
 
