@@ -179,9 +179,8 @@ TEST_CASE("tetrahedralize: interior edges have the length that the sizing field 
           "[tet][unit]") {
   const InterfaceMesh surface = sphere(kCentre, 15, 4, {1, 0});
   for (const double h : {1.2, 2.0}) {
-    const TetrahedralizeResult result =
-        fill(surface, 2, sizing({40, 40, 40}, [&](const Vec3&) { return h; }),
-             {.interior_growth = 1});
+    const TetrahedralizeResult result = fill(
+        surface, 2, sizing({40, 40, 40}, [&](const Vec3&) { return h; }), {.interior_growth = 1});
     double sum = 0;
     std::size_t count = 0;
     const std::int32_t first = static_cast<std::int32_t>(surface.points.size());

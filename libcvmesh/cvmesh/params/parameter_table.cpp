@@ -277,7 +277,7 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .doc =
            "Distance between the sparse and the dense surface below which decimation and flips "
            "look at the shape of the triangles only. Vertices of the surface may move as far, at "
-           "most 0.25, where it presses tets flat.",
+           "most 0.5, where it presses tets flat.",
        .field = CVMESH_FIELD(decimate.deviation_vox),
        .min = 0,
        .max = kMostVoxels,

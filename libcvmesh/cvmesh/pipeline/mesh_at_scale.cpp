@@ -46,7 +46,10 @@ constexpr int kMostSurfaces = 3;
 constexpr double kMostSurfaceShiftVox = 0.05;
 /// Vertices of the surface move no farther than this under flat tets, and no farther than what
 /// decimation takes for harmless, `deviation_vox`.
-constexpr double kMostVertexShiftVox = 0.25;
+constexpr double kMostVertexShiftVox = 0.5;
+/// Edges of the surface that are split at poor tets: so many at most, over its vertices, and none
+/// that is shorter.
+constexpr double kMostSplitsPerVertex = 0.02, kLeastSplitEdgeVox = 0.5;
 /// Places beyond this part of the limit are refined: the next round's particles lie elsewhere, and
 /// what only just kept the limit may miss it then.
 constexpr double kWatched = 0.85;
@@ -175,6 +178,8 @@ TetMesh fill(Run& run,
   TetrahedralizeOptions options = run.request.parameters.tetrahedralize;
   options.max_surface_shift_mm = kMostSurfaceShiftVox * labels.frame().voxel_mm();
   options.max_vertex_shift_mm = max_vertex_shift_vox * labels.frame().voxel_mm();
+  options.min_split_edge_mm = kLeastSplitEdgeVox * labels.frame().voxel_mm();
+  options.max_splits_per_vertex = kMostSplitsPerVertex;
   TetrahedralizeResult filled = run.stage.run(
       stage_names::kTetrahedra,
       [&] {

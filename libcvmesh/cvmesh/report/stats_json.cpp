@@ -196,6 +196,7 @@ void to_json(Json& json, const ImproveTetsStats& stats) {
           {"contractions", stats.contractions},
           {"insertions", stats.insertions},
           {"surface_flips", stats.surface_flips},
+          {"edge_splits", stats.edge_splits},
           {"shifted_vertices", stats.shifted_vertices},
           {"max_vertex_shift_mm", stats.max_vertex_shift_mm},
           {"dihedral_before", stats.before},

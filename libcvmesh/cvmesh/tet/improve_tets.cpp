@@ -3,9 +3,11 @@
 
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
+#include "cvmesh/mesh/neighbour_tree.h"
 #include "cvmesh/tet/cavity.h"
 #include "cvmesh/tet/open_gaps.h"
 #include "cvmesh/tet/open_tets.h"
+#include "cvmesh/tet/split_surface_edges.h"
 
 #include <spdlog/spdlog.h>
 
@@ -15,6 +17,7 @@
 #include <cstdint>
 #include <limits>
 #include <numbers>
+#include <optional>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -121,6 +124,19 @@ class Improver {
 
   void close() { tets_.close(); }
 
+  /// Leaves alone what has none of these vertices, until something there changes.
+  void look_only_at(const std::vector<std::int32_t>& vertices) {
+    tried_vertex_.assign(tets_.point_count(), tets_.now());
+    for (const std::int32_t v : vertices)
+      tried_vertex_[at(v)] = 0;
+    tried_tet_.assign(tets_.slot_count(), tets_.now());
+    for (std::size_t t = 0; t < tried_tet_.size(); ++t)
+      for (const std::int32_t v : tets_.tet(static_cast<std::int32_t>(t)))
+        if (tried_vertex_[at(v)] == 0) tried_tet_[t] = 0;
+    tried_insertion_ = tried_tet_;
+    last_flip_ = tets_.now();
+  }
+
   /// One round of changes for tets with a poor angle, worst first.
   void mend(ImproveTetsStats& stats) {
     for (const std::int32_t t : poor_tets(goal_.comfort())) {
@@ -182,10 +198,11 @@ class Improver {
   }
 
   /// Moves vertices of the surface where it presses tets flat, with flips for what they allow.
-  void open_gaps(double max_shift, ImproveTetsStats& stats) {
+  /// @param home  where these vertices were at first
+  void open_gaps(const std::vector<Vec3>& home, double max_shift, ImproveTetsStats& stats) {
     if (!(max_shift > 0)) return;
     const double poor = std::sin(kOpenGapsBelowDeg * kDegree);
-    GapOpener gaps(tets_, max_shift, poor, most_tries_);
+    GapOpener gaps(tets_, home, max_shift, poor, most_tries_);
     for (const double share : {0.25, 0.5, 1.0, 1.0}) {
       if (gaps.open(share) == 0) continue;
       mend(stats);
@@ -643,12 +660,142 @@ class Improver {
   Ring ring_;
 };
 
+/// The poor tets, the worst first.
+std::vector<std::int32_t> find_poor_tets(const TetMesh& mesh) {
+  static_assert(kPoorMinDeg < 180 - kPoorMaxDeg);
+  const double enough = std::sin(kPoorMaxDeg * kDegree);
+  std::vector<double> sine(mesh.tets.size());
+  parallel_for_each_index(0, sine.size(), [&](std::size_t t) {
+    const auto& [a, b, c, d] = mesh.tets[t];
+    const auto& p = mesh.points;
+    sine[t] = min_dihedral_sine(p[at(a)], p[at(b)], p[at(c)], p[at(d)]);
+  });
+  std::vector<std::int32_t> poor;
+  for (std::size_t t = 0; t < sine.size(); ++t)
+    if (sine[t] < enough) poor.push_back(static_cast<std::int32_t>(t));
+  std::sort(poor.begin(), poor.end(), [&](std::int32_t s, std::int32_t t) {
+    return std::pair(sine[at(s)], s) < std::pair(sine[at(t)], t);
+  });
+  return poor;
+}
+
+/// A mesh whose surface may be refined where tets stay poor, with what was done to it.
+struct Refined {
+  TetMesh mesh;
+  std::vector<Vec3> home;  ///< where the surface's vertices were at first
+  ImproveTetsStats stats;
+};
+
+/// Splits edges of the surface at some tets, and improves what is around them; nothing where no
+/// edge can be split.
+std::optional<Refined> split_and_improve(Refined refined,
+                                         const std::vector<std::int32_t>& wanted,
+                                         std::size_t most,
+                                         const ImproveTetsOptions& options,
+                                         const StageContext& context) {
+  constexpr int kPasses = 3;
+  auto& [mesh, home, stats] = refined;
+  const std::vector<std::int32_t> touched =
+      split_surface_edges(mesh, wanted, options.min_split_edge_mm, most);
+  if (touched.empty()) return std::nullopt;
+  stats.edge_splits += mesh.surface.points.size() - home.size();
+  home.insert(home.end(), mesh.surface.points.begin() + static_cast<std::ptrdiff_t>(home.size()),
+              mesh.surface.points.end());
+  const std::size_t insertions = stats.insertions, insertion_tries = stats.insertion_tries;
+  stats.insertions = stats.insertion_tries = 0;  // the bounds on them are those of one round
+  Improver improver(mesh, options, context);
+  improver.look_only_at(touched);
+  for (int pass = 0; pass < kPasses; ++pass) {
+    improver.mend(stats);
+    improver.flip(stats);
+    stats.moves += improver.smooth();
+    improver.insert(stats);
+  }
+  improver.mend(stats);
+  improver.open_gaps(home, options.max_vertex_shift_mm, stats);
+  stats.insertions += insertions;
+  stats.insertion_tries += insertion_tries;
+  stats.after = improver.measure();
+  improver.close();
+  return refined;
+}
+
+std::vector<Vec3> centroids(const TetMesh& mesh, const std::vector<std::int32_t>& tets) {
+  std::vector<Vec3> result;
+  result.reserve(tets.size());
+  for (const std::int32_t t : tets) {
+    Vec3 sum;
+    for (const std::int32_t v : mesh.tets[at(t)])
+      sum += mesh.points[at(v)];
+    result.push_back(sum / 4);
+  }
+  return result;
+}
+
+/// Of the poor tets before, those around which there are fewer of them after.
+std::vector<std::int32_t> where_it_helped(const TetMesh& before,
+                                          const std::vector<std::int32_t>& poor_before,
+                                          const TetMesh& after) {
+  const std::vector<Vec3> old_places = centroids(before, poor_before);
+  const std::vector<Vec3> new_places = centroids(after, find_poor_tets(after));
+  const NeighbourTree old_tree(old_places), new_tree(new_places);
+  std::vector<std::int32_t> helped, found;
+  for (std::size_t n = 0; n < poor_before.size(); ++n) {
+    const std::int32_t t = poor_before[n];
+    double longest = 0;
+    for (const auto& [i, j, k, l] : OpenTets::kEdges)
+      longest = std::max(longest, distance(before.points[at(before.tets[at(t)][i])],
+                                           before.points[at(before.tets[at(t)][j])]));
+    old_tree.within(old_places[n], longest, found);
+    const std::size_t old_count = found.size();
+    new_tree.within(old_places[n], longest, found);
+    if (found.size() < old_count) helped.push_back(t);
+  }
+  return helped;
+}
+
+/// Splits edges of the surface at poor tets while that leaves fewer of them; where it does not do
+/// so on the whole, once more only where it does.
+void refine_surface(Refined& refined,
+                    const ImproveTetsOptions& options,
+                    const StageContext& context) {
+  constexpr int kMostRounds = 6;
+  constexpr double kLeastAngleKept = 0.8;  // of the smallest angle
+  const auto most = static_cast<std::size_t>(options.max_splits_per_vertex *
+                                             static_cast<double>(refined.home.size()));
+  const auto poor_of = [](const Refined& r) {
+    return r.stats.after.poor + r.stats.after.poor_in_wedges;
+  };
+  const auto is_better = [&](const std::optional<Refined>& tried) {
+    return tried && poor_of(*tried) < poor_of(refined) &&
+           tried->stats.after.min_deg >= kLeastAngleKept * refined.stats.after.min_deg;
+  };
+  for (int round = 0; round < kMostRounds && refined.stats.edge_splits < most; ++round) {
+    const std::vector<std::int32_t> poor = find_poor_tets(refined.mesh);
+    const auto attempt = [&](const std::vector<std::int32_t>& wanted) {
+      auto tried =
+          split_and_improve(refined, wanted, most - refined.stats.edge_splits, options, context);
+      if (tried)
+        context.log->debug("{}: {} edges of the surface split, {} poor tets left of {}", kStage,
+                           tried->stats.edge_splits - refined.stats.edge_splits, poor_of(*tried),
+                           poor_of(refined));
+      return tried;
+    };
+    auto tried = attempt(poor);
+    if (tried && !is_better(tried))
+      tried = attempt(where_it_helped(refined.mesh, poor, tried->mesh));
+    if (!is_better(tried)) return;
+    refined = std::move(*tried);
+  }
+}
+
 }  // namespace
 
 ImproveTetsStats improve_tets(TetMesh& mesh,
                               const ImproveTetsOptions& options,
                               const StageContext& context) {
   ImproveTetsStats stats;
+  const std::vector<Vec3> home = mesh.surface.points;
   Improver improver(mesh, options, context);
   stats.before = improver.measure();
   while (stats.passes < options.passes) {
@@ -673,10 +820,14 @@ ImproveTetsStats improve_tets(TetMesh& mesh,
                        stats.insertion_tries - tries_then);
     if (may_insert && (flips + moves + inserted) * kQuietPass < improver.slot_count()) break;
   }
-  improver.open_gaps(options.max_vertex_shift_mm, stats);
+  improver.open_gaps(home, options.max_vertex_shift_mm, stats);
   stats.after = improver.measure();
   improver.close();
-  return stats;
+  if (stats.after.poor == 0 || !(options.max_splits_per_vertex > 0)) return stats;
+  Refined refined{std::move(mesh), home, stats};
+  refine_surface(refined, options, context);
+  mesh = std::move(refined.mesh);
+  return refined.stats;
 }
 
 }  // namespace cvmesh

@@ -25,7 +25,10 @@ namespace cvmesh {
 ///   is poor, they would take far longer than everything else;
 /// - a surface edge flips under a tet that lies flat between its two facets. The tet goes over to
 ///   the other material and must vanish there by an edge removal. The surface moves by less than
-///   `max_surface_shift_mm` and keeps its vertices, its patches and its topology.
+///   `max_surface_shift_mm` and keeps its vertices, its patches and its topology;
+/// - last, where tets are still poor, the longest edges that they have on the surface are split in
+///   their middles: what is flat is so only for as long as its edges are much longer than the gap
+///   between two sheets. These rounds are kept as long as there are fewer poor tets after each.
 ///
 /// Where two sheets of the surface meet in a narrow wedge, no interior change helps: such tets are
 /// told apart (`DihedralAngles`). Interior vertices may go, and indices above those of the surface
@@ -38,6 +41,8 @@ struct ImproveTetsOptions {
   double insert_below_deg = 20;          ///< a new vertex only for such a tet; 0: none
   double max_surface_shift_mm = 0;       ///< of flips of surface edges; 0: no such flips
   double max_vertex_shift_mm = 0;        ///< of vertices of the surface; 0: they stay
+  double min_split_edge_mm = 0;          ///< shorter edges of the surface are not split
+  double max_splits_per_vertex = 0;      ///< bound on split edges, over the vertices of the surface
   double max_insertions_per_vertex = 1;  ///< bound on new vertices, over those of the mesh
   /// Bound on tets in which new vertices are tried, over the vertices of the mesh, and how many are
   /// always allowed. Sparse surfaces of thin parts ask for up to 0.34 a vertex, pure noise for 2.
@@ -52,6 +57,7 @@ struct ImproveTetsStats {
   std::size_t surface_flips = 0;
   std::size_t shifted_vertices = 0;  ///< of the surface
   double max_vertex_shift_mm = 0;    ///< the longest way of one
+  std::size_t edge_splits = 0;       ///< of the surface: so many vertices are new there
   DihedralAngles before, after;
 };
 

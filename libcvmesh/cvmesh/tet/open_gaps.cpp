@@ -42,6 +42,7 @@ bool holds(const OpenTets::Face& facet, std::int32_t v) {
 }  // namespace
 
 GapOpener::GapOpener(OpenTets& tets,
+                     std::vector<Vec3> home,
                      double max_shift_mm,
                      double enough_sine,
                      std::size_t most_tries)
@@ -49,13 +50,13 @@ GapOpener::GapOpener(OpenTets& tets,
       max_shift_(max_shift_mm),
       enough_(enough_sine),
       tries_left_(most_tries),
-      home_(tets.surface().points),
-      is_fixed_(home_.size(), false) {
+      home_(std::move(home)),
+      is_fixed_(home_.size(), {false, false, false}) {
   const InterfaceMesh& surface = tets.surface();
   for (std::size_t f = 0; f < surface.facets.size(); ++f)
-    if (surface.patch_of[f].wall != 0)
+    if (const std::size_t wall = surface.patch_of[f].wall; wall != 0)
       for (const std::int32_t v : surface.facets[f])
-        is_fixed_[at(v)] = true;
+        is_fixed_[at(v)][(wall - 1) / 2] = true;
 }
 
 std::size_t GapOpener::open(double share) {
@@ -102,7 +103,9 @@ std::vector<GapOpener::Star> GapOpener::stars_of_poor_tets() const {
   for (const auto& [sine, t] : poor) {
     if (stars.size() >= tries_left_) break;
     for (const std::int32_t v : tets_.tet(t)) {
-      if (star_of[at(v)] != kNone || (tets_.is_on_surface(v) && is_fixed_[at(v)])) continue;
+      if (star_of[at(v)] != kNone ||
+          (tets_.is_on_surface(v) && is_fixed_[at(v)] == std::array{true, true, true}))
+        continue;
       star_of[at(v)] = static_cast<std::int32_t>(stars.size());
       stars.push_back({v, {}, {}});
     }
@@ -170,8 +173,11 @@ Vec3 GapOpener::descent(const Star& star, const Vec3& p, double step) const {
 Vec3 GapOpener::within_reach(const Star& star, const Vec3& p) const {
   if (!tets_.is_on_surface(star.v)) return p;
   const Vec3& home = home_[at(star.v)];
-  const double way = distance(p, home);
-  return way <= reach_ ? p : home + reach_ / way * (p - home);
+  Vec3 shift = p - home;
+  for (int axis = 0; axis < 3; ++axis)
+    if (is_fixed_[at(star.v)][at(axis)]) shift[axis] = 0;
+  const double way = norm(shift);
+  return home + (way <= reach_ ? 1 : reach_ / way) * shift;
 }
 
 Vec3 GapOpener::find_place(const Star& star) const {

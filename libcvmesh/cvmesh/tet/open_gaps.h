@@ -5,6 +5,7 @@
 #include "cvmesh/mesh/facet_index.h"
 #include "cvmesh/tet/open_tets.h"
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <utility>
@@ -22,13 +23,18 @@ namespace cvmesh {
 ///
 /// A vertex of the surface stays within `max_shift_mm` of where it was at first, so that no point
 /// of the surface moves farther; and it goes no farther than it has to. On the border of the image
-/// none moves. Between tets on both sides the surface cannot intersect. Where it borders on the
-/// exterior, the space that its facets sweep must hold no other facet.
+/// they move along it. Between tets on both sides the surface cannot intersect. Where it borders on
+/// the exterior, the space that its facets sweep must hold no other facet.
 class GapOpener {
  public:
   /// @param tets        is referred to
+  /// @param home        where the surface's vertices were at first
   /// @param most_tries  of vertices, those of the poorest tets first
-  GapOpener(OpenTets& tets, double max_shift_mm, double enough_sine, std::size_t most_tries);
+  GapOpener(OpenTets& tets,
+            std::vector<Vec3> home,
+            double max_shift_mm,
+            double enough_sine,
+            std::size_t most_tries);
 
   /// Rounds of moves until none helps, by at most a share of `max_shift_mm`; returns how many moves
   /// there were. A short reach first lets neighbours share what has to be done.
@@ -77,11 +83,11 @@ class GapOpener {
   const double max_shift_, enough_;
   double reach_ = 0;  ///< of the moves at present
   std::size_t tries_left_;
-  std::vector<Vec3> home_;            ///< of the surface's vertices
-  std::vector<bool> is_fixed_;        ///< on the border of the image
-  std::vector<std::uint64_t> tried_;  ///< when a vertex was last tried
-  std::vector<Vec3> points_;          ///< the surface's, and last the place of a trial
-  std::optional<FacetIndex> outer_;   ///< facets on the exterior, once one is asked for
+  std::vector<Vec3> home_;                     ///< of the surface's vertices
+  std::vector<std::array<bool, 3>> is_fixed_;  ///< axes across the image's border there
+  std::vector<std::uint64_t> tried_;           ///< when a vertex was last tried
+  std::vector<Vec3> points_;                   ///< the surface's, and last the place of a trial
+  std::optional<FacetIndex> outer_;            ///< facets on the exterior, once one is asked for
 };
 
 }  // namespace cvmesh

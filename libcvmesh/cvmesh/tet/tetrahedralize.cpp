@@ -505,8 +505,10 @@ TetrahedralizeResult tetrahedralize(const InterfaceMesh& surface,
     improvement.passes = options.improvement_passes;
     improvement.max_surface_shift_mm = options.max_surface_shift_mm;
     improvement.max_vertex_shift_mm = options.max_vertex_shift_mm;
+    improvement.min_split_edge_mm = options.min_split_edge_mm;
+    improvement.max_splits_per_vertex = options.max_splits_per_vertex;
     result.stats.improvement = improve_tets(result.tets, improvement, context);
-    result.stats.steiner_points = result.tets.points.size() - surface.points.size();
+    result.stats.steiner_points = result.tets.points.size() - result.tets.surface.points.size();
   }
   report_progress(context, kStage, 1);
   return result;

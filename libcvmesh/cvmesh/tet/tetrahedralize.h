@@ -13,14 +13,16 @@
 namespace cvmesh {
 
 struct TetrahedralizeOptions {
-  double radius_edge_ratio = 1.4;   ///< TetGen's -q; larger is looser
-  double min_dihedral_deg = 10;     ///< TetGen's second -q value
-  double interior_growth = 0.8;     ///< interior edge length over the sizing field; 0: no bound
-  double time_limit_s = 1800;       ///< of one TetGen run; 0: none
-  double memory_limit_mb = 0;       ///< of the TetGen process; 0: none
-  int improvement_passes = 6;       ///< of `improve_tets` over the result; 0 turns it off
-  double max_surface_shift_mm = 0;  ///< of `improve_tets`: flips of surface edges under flat tets
-  double max_vertex_shift_mm = 0;   ///< of `improve_tets`: of vertices of the surface
+  double radius_edge_ratio = 1.4;    ///< TetGen's -q; larger is looser
+  double min_dihedral_deg = 10;      ///< TetGen's second -q value
+  double interior_growth = 0.8;      ///< interior edge length over the sizing field; 0: no bound
+  double time_limit_s = 1800;        ///< of one TetGen run; 0: none
+  double memory_limit_mb = 0;        ///< of the TetGen process; 0: none
+  int improvement_passes = 6;        ///< of `improve_tets` over the result; 0 turns it off
+  double max_surface_shift_mm = 0;   ///< of `improve_tets`: flips of surface edges under flat tets
+  double max_vertex_shift_mm = 0;    ///< of `improve_tets`: of vertices of the surface
+  double min_split_edge_mm = 0;      ///< of `improve_tets`: shorter edges are not split
+  double max_splits_per_vertex = 0;  ///< of `improve_tets`: of edges of the surface
 };
 
 struct TetrahedralizeStats {
