@@ -661,7 +661,8 @@ class Improver {
 };
 
 /// The poor tets, the worst first.
-std::vector<std::int32_t> find_poor_tets(const TetMesh& mesh) {
+/// @param lack  what their sines lack, squared and summed
+std::vector<std::int32_t> find_poor_tets(const TetMesh& mesh, double& lack) {
   static_assert(kPoorMinDeg < 180 - kPoorMaxDeg);
   const double enough = std::sin(kPoorMaxDeg * kDegree);
   std::vector<double> sine(mesh.tets.size());
@@ -676,6 +677,9 @@ std::vector<std::int32_t> find_poor_tets(const TetMesh& mesh) {
   std::sort(poor.begin(), poor.end(), [&](std::int32_t s, std::int32_t t) {
     return std::pair(sine[at(s)], s) < std::pair(sine[at(t)], t);
   });
+  lack = 0;
+  for (const std::int32_t t : poor)
+    lack += (enough - sine[at(t)]) * (enough - sine[at(t)]);
   return poor;
 }
 
@@ -684,6 +688,15 @@ struct Refined {
   TetMesh mesh;
   std::vector<Vec3> home;  ///< where the surface's vertices were at first
   ImproveTetsStats stats;
+  std::vector<std::int32_t> poor{};  ///< tets
+  double lack = 0;                   ///< of them
+
+  /// Less is lacking, and no tet is much worse than the worst was.
+  [[nodiscard]] bool is_better_than(const Refined& before) const {
+    constexpr double kLeastAngleKept = 0.8, kLackKept = 0.95;
+    return lack < kLackKept * before.lack &&
+           stats.after.min_deg >= kLeastAngleKept * before.stats.after.min_deg;
+  }
 };
 
 /// Splits edges of the surface at some tets, and improves what is around them; nothing where no
@@ -694,7 +707,7 @@ std::optional<Refined> split_and_improve(Refined refined,
                                          const ImproveTetsOptions& options,
                                          const StageContext& context) {
   constexpr int kPasses = 3;
-  auto& [mesh, home, stats] = refined;
+  auto& [mesh, home, stats, poor, lack] = refined;
   const std::vector<std::int32_t> touched =
       split_surface_edges(mesh, wanted, options.min_split_edge_mm, most);
   if (touched.empty()) return std::nullopt;
@@ -717,6 +730,7 @@ std::optional<Refined> split_and_improve(Refined refined,
   stats.insertion_tries += insertion_tries;
   stats.after = improver.measure();
   improver.close();
+  poor = find_poor_tets(mesh, lack);
   return refined;
 }
 
@@ -733,58 +747,47 @@ std::vector<Vec3> centroids(const TetMesh& mesh, const std::vector<std::int32_t>
 }
 
 /// Of the poor tets before, those around which there are fewer of them after.
-std::vector<std::int32_t> where_it_helped(const TetMesh& before,
-                                          const std::vector<std::int32_t>& poor_before,
-                                          const TetMesh& after) {
-  const std::vector<Vec3> old_places = centroids(before, poor_before);
-  const std::vector<Vec3> new_places = centroids(after, find_poor_tets(after));
+std::vector<std::int32_t> where_it_helped(const Refined& before, const Refined& after) {
+  const std::vector<Vec3> old_places = centroids(before.mesh, before.poor);
+  const std::vector<Vec3> new_places = centroids(after.mesh, after.poor);
   const NeighbourTree old_tree(old_places), new_tree(new_places);
+  const std::vector<Vec3>& points = before.mesh.points;
   std::vector<std::int32_t> helped, found;
-  for (std::size_t n = 0; n < poor_before.size(); ++n) {
-    const std::int32_t t = poor_before[n];
+  for (std::size_t n = 0; n < before.poor.size(); ++n) {
+    const Tet& tet = before.mesh.tets[at(before.poor[n])];
     double longest = 0;
     for (const auto& [i, j, k, l] : OpenTets::kEdges)
-      longest = std::max(longest, distance(before.points[at(before.tets[at(t)][i])],
-                                           before.points[at(before.tets[at(t)][j])]));
+      longest = std::max(longest, distance(points[at(tet[i])], points[at(tet[j])]));
     old_tree.within(old_places[n], longest, found);
     const std::size_t old_count = found.size();
     new_tree.within(old_places[n], longest, found);
-    if (found.size() < old_count) helped.push_back(t);
+    if (found.size() < old_count) helped.push_back(before.poor[n]);
   }
   return helped;
 }
 
-/// Splits edges of the surface at poor tets while that leaves fewer of them; where it does not do
-/// so on the whole, once more only where it does.
+/// Splits edges of the surface at poor tets while that makes it better; where it does not do so on
+/// the whole, once more only where it does.
 void refine_surface(Refined& refined,
                     const ImproveTetsOptions& options,
                     const StageContext& context) {
-  constexpr int kMostRounds = 6;
-  constexpr double kLeastAngleKept = 0.8;  // of the smallest angle
+  constexpr int kMostRounds = 8;
   const auto most = static_cast<std::size_t>(options.max_splits_per_vertex *
                                              static_cast<double>(refined.home.size()));
-  const auto poor_of = [](const Refined& r) {
-    return r.stats.after.poor + r.stats.after.poor_in_wedges;
-  };
-  const auto is_better = [&](const std::optional<Refined>& tried) {
-    return tried && poor_of(*tried) < poor_of(refined) &&
-           tried->stats.after.min_deg >= kLeastAngleKept * refined.stats.after.min_deg;
-  };
+  refined.poor = find_poor_tets(refined.mesh, refined.lack);
   for (int round = 0; round < kMostRounds && refined.stats.edge_splits < most; ++round) {
-    const std::vector<std::int32_t> poor = find_poor_tets(refined.mesh);
     const auto attempt = [&](const std::vector<std::int32_t>& wanted) {
       auto tried =
           split_and_improve(refined, wanted, most - refined.stats.edge_splits, options, context);
       if (tried)
         context.log->debug("{}: {} edges of the surface split, {} poor tets left of {}", kStage,
-                           tried->stats.edge_splits - refined.stats.edge_splits, poor_of(*tried),
-                           poor_of(refined));
+                           tried->stats.edge_splits - refined.stats.edge_splits, tried->poor.size(),
+                           refined.poor.size());
       return tried;
     };
-    auto tried = attempt(poor);
-    if (tried && !is_better(tried))
-      tried = attempt(where_it_helped(refined.mesh, poor, tried->mesh));
-    if (!is_better(tried)) return;
+    auto tried = attempt(refined.poor);
+    if (tried && !tried->is_better_than(refined)) tried = attempt(where_it_helped(refined, *tried));
+    if (!tried || !tried->is_better_than(refined)) return;
     refined = std::move(*tried);
   }
 }

@@ -15,7 +15,7 @@ namespace cvmesh {
 struct TetrahedralizeOptions {
   double radius_edge_ratio = 1.4;    ///< TetGen's -q; larger is looser
   double min_dihedral_deg = 10;      ///< TetGen's second -q value
-  double interior_growth = 0.8;      ///< interior edge length over the sizing field; 0: no bound
+  double interior_growth = 0.75;     ///< interior edge length over the sizing field; 0: no bound
   double time_limit_s = 1800;        ///< of one TetGen run; 0: none
   double memory_limit_mb = 0;        ///< of the TetGen process; 0: none
   int improvement_passes = 6;        ///< of `improve_tets` over the result; 0 turns it off
