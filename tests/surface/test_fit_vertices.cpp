@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/core/box3.h"
+#include "cvmesh/core/error.h"
 #include "cvmesh/surface/decimate.h"
 #include "cvmesh/surface/fit_vertices.h"
 
@@ -8,6 +9,7 @@
 #include "support/catch.h"
 #include "support/phantoms.h"
 #include "surface/dense_phantoms.h"
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <utility>
@@ -124,4 +126,18 @@ TEST_CASE("fit_vertices: the number of threads changes no byte", "[surface][dete
     return points;
   };
   CHECK(with(1) == with(4));
+}
+
+TEST_CASE("fit_vertices: a cancel ends it with a Limit error", "[surface][unit]") {
+  const DensePhantom dense = dense_phantoms::make(phantoms::ball(6));
+  MaterialSurfaces sparse = thinned(dense, 0.1);
+  const std::atomic<bool> cancel = true;
+  StageContext context = silent_context();
+  context.cancel = &cancel;
+  try {
+    fit_vertices(std::move(sparse), dense.voxel_mm, {}, context);
+    FAIL("it went on");
+  } catch (const Error& error) {
+    CHECK(error.code() == ErrorCode::Limit);
+  }
 }

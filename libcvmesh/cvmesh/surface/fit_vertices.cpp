@@ -298,13 +298,15 @@ class VertexFitter {
   }
 
   /// Looks at every vertex around which something has changed. @return moves
-  std::size_t sweep() {
+  /// @param tell  called after every batch with the share that is done; may throw
+  template <typename Tell>
+  std::size_t sweep(const Tell& tell) {
     std::vector<std::int32_t> queue;
     for (const auto v : order_)
       if (is_due_[at(v)]) queue.push_back(v);
     for (const auto v : queue)
       is_due_[at(v)] = false;
-    std::size_t moves = 0;
+    std::size_t moves = 0, done = 0;
     batches_.for_each(
         queue,
         [&](const std::vector<std::int32_t>& candidates) {
@@ -323,6 +325,8 @@ class VertexFitter {
             settle(tries_[n]);
             ++moves;
           }
+          done += batch.size();
+          tell(static_cast<double>(done) / static_cast<double>(queue.size()));
         });
     return moves;
   }
@@ -445,8 +449,9 @@ FitVerticesResult fit_vertices(MaterialSurfaces surfaces,
     VertexFitter fitter(surfaces, samples, voxel_mm, options.max_shift_vox * voxel_mm,
                         context.seed);
     for (std::size_t moves = 1; moves > 0 && stats.sweeps < options.max_sweeps; ++stats.sweeps) {
-      moves = fitter.sweep();
-      report_progress(context, "vertex fit", (stats.sweeps + 1.0) / options.max_sweeps);
+      moves = fitter.sweep([&](double share) {
+        report_progress(context, "vertex fit", (stats.sweeps + share) / options.max_sweeps);
+      });
     }
     stats.refused = fitter.refused();
     measure_shifts(surfaces, fitter.home(), stats);
