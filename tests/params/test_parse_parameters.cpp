@@ -59,7 +59,7 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
     "boxes": [{"box": [1, 2, 3, 4, 5, 6], "epsilon": 0.5, "comment": 1},
               {"box": [0, 0, 0, 0, 0, 0], "max_edge_mm": 2}],
     "grid_spacing_mm": "auto", "min_edge_mm": 0.5, "max_edge_mm": null, "seeding": "dense", "target_sizes": "feature_size", "particle_sweeps": 4e1,
-    "schedule": "sequential", "deviation_vox": 0.5, "fit_vox": 0.1, "on_degenerate": "fail", "flip_passes": 3, "interior_growth": 0,
+    "schedule": "sequential", "deviation_vox": 0.4, "fit_vox": 0.1, "on_degenerate": "fail", "flip_passes": 3, "interior_growth": 0,
     "tetgen_memory_limit_mb": 512})");
   CHECK(p.tighten.r_vox == 0.5);
   CHECK(p.sizing.epsilon == 2);
@@ -95,8 +95,7 @@ TEST_CASE("parse_parameters: each key reaches its stage", "[params][unit]") {
   CHECK(p.target_sizes == TargetSizes::FeatureSize);
   CHECK(p.distribute_particles.max_sweeps == 40);
   CHECK(p.schedule == Schedule::Sequential);
-  CHECK(p.decimate.deviation_vox == 0.5);
-  CHECK(p.flip_edges.deviation_vox == 0.5);
+  CHECK(p.deviation_vox == 0.4);
   CHECK(p.fit_vertices.max_shift_vox == 0.1);
   CHECK(p.decimate.on_degenerate == OnDegenerate::Fail);
   CHECK(p.flip_edges.max_passes == 3);

@@ -277,11 +277,13 @@ const std::vector<ParameterInfo<Parameters>>& parameter_table() {
        .doc =
            "Distance between the sparse and the dense surface below which decimation and flips "
            "look at the shape of the triangles only. Vertices of the surface may move as far, at "
-           "most 0.5, where it presses tets flat.",
-       .field = CVMESH_FIELD(decimate.deviation_vox),
+           "most 0.5, where it presses tets flat. null: 0.5, or a twelfth of the median edge where "
+           "that is more.",
+       .field = CVMESH_FIELD(deviation_vox),
        .min = 0,
        .max = kMostVoxels,
-       .min_is_exclusive = true},
+       .min_is_exclusive = true,
+       .is_optional = true},
       {.key = "fit_vox",
        .unit = "voxels",
        .doc =

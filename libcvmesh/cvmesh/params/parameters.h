@@ -118,7 +118,9 @@ struct Parameters {
   SizingOptions sizing;
   SeedParticlesOptions seed_particles;
   DistributeParticlesOptions distribute_particles;
-  DecimateOptions decimate;
+  /// Of decimation and flips; by default what the edges ask for.
+  std::optional<double> deviation_vox;
+  DecimateOptions decimate;  ///< without its tolerance
   FitVerticesOptions fit_vertices;
   FlipEdgesOptions flip_edges;
   TetrahedralizeOptions tetrahedralize;

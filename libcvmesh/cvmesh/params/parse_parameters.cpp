@@ -548,9 +548,8 @@ void check_surface_method(const Parameters& parameters, const std::string& sourc
   if (parameters.schedule == Schedule::Sequential) refuse_with("schedule (\"sequential\")");
 }
 
-/// Checks that need more than one key, and what one key says to several stages.
+/// Checks that need more than one key.
 void finish(Parameters& parameters, const std::string& source) {
-  parameters.flip_edges.deviation_vox = parameters.decimate.deviation_vox;
   const SizingOptions& sizing = parameters.sizing;
   check_edge_bounds(sizing.min_edge_mm, sizing.max_edge_mm, "", source);
   for (const auto& [label, own] : parameters.labels) {

@@ -124,12 +124,13 @@ MaterialSurfaces join(const ConformEdgesResult& conformed, std::size_t material_
 DecimateResult decimate_and_conform(Run& run,
                                     const LabelVolume& labels,
                                     MaterialSurfaces augmented,
-                                    const std::vector<bool>& keep) {
+                                    const std::vector<bool>& keep,
+                                    const DecimateOptions& options) {
   DecimateSequentialResult decimated = run.stage.run(
       stage_names::kDecimation,
       [&] {
-        return decimate_sequential(augmented, keep, labels.frame().voxel_mm(),
-                                   run.request.parameters.decimate, run.context);
+        return decimate_sequential(augmented, keep, labels.frame().voxel_mm(), options,
+                                   run.context);
       },
       [&](const DecimateSequentialResult& r) {
         return fmt::format("{} removed from {} boundaries, {} could not go from each",

@@ -19,7 +19,8 @@ namespace cvmesh {
 DecimateResult decimate_and_conform(Run& run,
                                     const LabelVolume& labels,
                                     MaterialSurfaces augmented,
-                                    const std::vector<bool>& keep);
+                                    const std::vector<bool>& keep,
+                                    const DecimateOptions& options);
 
 /// Nothing, if the patches of all masters make one valid surface.
 /// @throws Error StageFailed, with how many, between which labels and where, if vertices or edges

@@ -2,6 +2,7 @@
 #include "cvmesh/pipeline/mesh_at_scale.h"
 
 #include "cvmesh/core/error.h"
+#include "cvmesh/core/median.h"
 #include "cvmesh/core/random.h"
 #include "cvmesh/io/surface_writer.h"
 #include "cvmesh/mesh/neighbour_tree.h"
@@ -59,6 +60,22 @@ constexpr double kAim = 0.6, kLeastStep = 0.35;
 /// Over h: how far around such a place the edges become shorter.
 constexpr double kRefinedRadius = 0.7;
 
+/// Over the median edge: `deviation_vox` by default, where it is more than `kLeastDeviationVox`.
+/// The middle of a facet with edges h is off a sphere of radius h by h / 6, all of it by half that
+/// on average: where no facets can be nearer, their distance must not be all that counts.
+constexpr double kDeviationOfEdges = 1.0 / 12;
+constexpr double kLeastDeviationVox = 0.5;
+
+/// The tolerance of decimation and flips: `deviation_vox`, or what stands in for it.
+double tolerance_vox(const Parameters& parameters, const ParticleSet& particles, double voxel_mm) {
+  if (parameters.deviation_vox) return *parameters.deviation_vox;
+  std::vector<double> edges_mm;
+  edges_mm.reserve(particles.particles.size());
+  for (const Particle& particle : particles.particles)
+    edges_mm.push_back(particle.h_mm);
+  return std::max(kLeastDeviationVox, kDeviationOfEdges * median(std::move(edges_mm)) / voxel_mm);
+}
+
 /// The surfaces after decimation and flips.
 struct Sparse {
   InterfaceMesh surface;
@@ -80,6 +97,10 @@ Sparse sparsen(Run& run,
   if (order > 0)
     context.seed = CounterRandom(context.seed, "orders").bits(static_cast<std::uint64_t>(order));
   const Parameters& parameters = run.request.parameters;
+  DecimateOptions decimate_options = parameters.decimate;
+  FlipEdgesOptions flip_options = parameters.flip_edges;
+  decimate_options.deviation_vox = flip_options.deviation_vox =
+      tolerance_vox(parameters, particles, voxel_mm);
   InsertParticlesResult inserted = run.stage.run(
       stage_names::kInsertion,
       [&] {
@@ -99,11 +120,11 @@ Sparse sparsen(Run& run,
     keep[static_cast<std::size_t>(vertex)] = true;
   DecimateResult decimated =
       parameters.schedule == Schedule::Sequential
-          ? decimate_and_conform(run, labels, std::move(inserted.surfaces), keep)
+          ? decimate_and_conform(run, labels, std::move(inserted.surfaces), keep, decimate_options)
           : run.stage.run(
                 stage_names::kDecimation,
                 [&] {
-                  return decimate(std::move(inserted.surfaces), keep, voxel_mm, parameters.decimate,
+                  return decimate(std::move(inserted.surfaces), keep, voxel_mm, decimate_options,
                                   context);
                 },
                 [](const DecimateResult& r) {
@@ -130,9 +151,7 @@ Sparse sparsen(Run& run,
 
   FlipEdgesResult flipped = run.stage.run(
       stage_names::kEdgeFlipping,
-      [&] {
-        return flip_edges(std::move(fitted.surfaces), voxel_mm, parameters.flip_edges, run.context);
-      },
+      [&] { return flip_edges(std::move(fitted.surfaces), voxel_mm, flip_options, run.context); },
       [](const FlipEdgesResult& r) {
         return fmt::format("{} flips in {} passes", r.stats.flips, r.stats.passes);
       });
@@ -228,7 +247,9 @@ void fill(Run& run, const LabelVolume& labels, const Dense& dense, double limit_
   const double max_vertex_shift_vox =
       std::isfinite(limit_mm)
           ? 0
-          : std::min(kMostVertexShiftVox, run.request.parameters.decimate.deviation_vox);
+          : std::min(kMostVertexShiftVox,
+                     tolerance_vox(run.request.parameters, round.sampling.particles,
+                                   labels.frame().voxel_mm()));
   for (int order = 1;; ++order)
     try {
       round.tets = fill(run, labels, round.sparse.surface, round.sampling.sizing_field,
@@ -309,14 +330,6 @@ Round mesh_to_tets(Run& run,
         "inside",
         target, 100 * kTetTolerance, found.count, run.report.stages.epsilon_search->epsilon);
   return best;
-}
-
-/// The median over the dense vertices; 0 without any.
-double median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 /// Lowers the caps around each of the places, but not below the edges that the user allows.

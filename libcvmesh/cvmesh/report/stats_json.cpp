@@ -127,8 +127,13 @@ void to_json(Json& json, const DecimateStats& stats) {
   for (const KeptVertex& vertex : stats.kept)
     kept.push_back({{"position_grid_mm", {vertex.position.x, vertex.position.y, vertex.position.z}},
                     {"reason", vertex.reason}});
-  json = {{"removed", stats.removed},   {"deferrals", stats.deferrals},    {"passes", stats.passes},
-          {"refusals", stats.refusals}, {"kept_count", stats.kept.size()}, {"kept", kept}};
+  json = {{"removed", stats.removed},
+          {"deferrals", stats.deferrals},
+          {"passes", stats.passes},
+          {"deviation_vox", stats.deviation_vox},
+          {"refusals", stats.refusals},
+          {"kept_count", stats.kept.size()},
+          {"kept", kept}};
 }
 
 void to_json(Json& json, const EdgeConformity& conformity) {

@@ -2,6 +2,7 @@
 #include "cvmesh/sizing/size_by_deviation.h"
 
 #include "cvmesh/core/box3.h"
+#include "cvmesh/core/median.h"
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/mesh/neighbour_tree.h"
 
@@ -167,12 +168,6 @@ double deviation_around(const Clusters& clusters,
   return std::sqrt(std::max(0.0, solver.eigenvalues()[0]));
 }
 
-double median_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 }  // namespace
 
 std::vector<double> size_by_deviation(const InterfaceMesh& dense,
@@ -205,10 +200,10 @@ std::vector<double> size_by_deviation(const InterfaceMesh& dense,
                       }
                     });
 
-  const double median = std::max(median_of(deviation), 1e-6 * voxel_mm);
+  const double usual = std::max(median(deviation), 1e-6 * voxel_mm);
   std::vector<double> edge_mm(dense.points.size(), std::numeric_limits<double>::infinity());
   for (std::size_t f = 0; f < dense.facets.size(); ++f) {
-    const double relative = deviation[static_cast<std::size_t>(clusters.at_facet[f])] / median;
+    const double relative = deviation[static_cast<std::size_t>(clusters.at_facet[f])] / usual;
     // kappa h^4 the same everywhere, kappa as the deviation within one reach
     const double edge = mean_edge_mm * std::pow(std::max(relative, kFlattest), -0.25);
     for (const auto v : dense.facets[f])

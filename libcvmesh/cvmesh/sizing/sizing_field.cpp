@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/sizing/sizing_field.h"
 
+#include "cvmesh/core/median.h"
+
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <utility>
 
 namespace cvmesh {
 
@@ -31,13 +34,10 @@ double SizingField::at(const Vec3& p) const {
 }
 
 double SizingField::median_epsilon() const {
-  if (h_mm.empty()) return 0;
   std::vector<double> epsilon(h_mm.size());
   for (std::size_t v = 0; v < epsilon.size(); ++v)
     epsilon[v] = h_mm[v] / lfs_mm[v];
-  const auto middle = epsilon.begin() + static_cast<std::ptrdiff_t>(epsilon.size() / 2);
-  std::nth_element(epsilon.begin(), middle, epsilon.end());
-  return *middle;
+  return median(std::move(epsilon));
 }
 
 }  // namespace cvmesh

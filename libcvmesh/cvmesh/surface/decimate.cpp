@@ -437,6 +437,7 @@ DecimateResult decimate(MaterialSurfaces surfaces,
                         const DecimateOptions& options,
                         const StageContext& context) {
   DecimateResult result;
+  result.stats.deviation_vox = options.deviation_vox;
   std::vector<std::int32_t> queue = random_queue(surfaces, keep, context.seed);
   const std::size_t total = queue.size();
   std::array<std::size_t, kRefusalNames.size()> refusals{};

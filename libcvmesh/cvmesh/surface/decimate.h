@@ -32,6 +32,7 @@ struct KeptVertex {
 struct DecimateStats {
   std::size_t removed = 0, deferrals = 0;
   int passes = 0;
+  double deviation_vox = 0;  ///< the tolerance in use
   std::vector<KeptVertex> kept;
   std::map<std::string, std::size_t> refusals;  ///< reason -> count, over all attempts
 };

@@ -196,6 +196,7 @@ class BoundaryThinner {
       const std::vector<bool> own = vertices_left(m);
       for (std::size_t v = 0; v < own.size(); ++v)
         if (own[v]) is_left[v] = true;
+      result.stats.deviation_vox = stats_[m].deviation_vox;
       result.stats.deferrals += stats_[m].deferrals;
       result.stats.passes = std::max(result.stats.passes, stats_[m].passes);
       for (const auto& [reason, count] : stats_[m].refusals)
