@@ -380,6 +380,21 @@ TEST_CASE("improve_tets: vertices that move leave room to what is across the ext
   CHECK(validation.is_valid());
 }
 
+TEST_CASE("improve_tets: vertices move where the exterior is narrower than the room they leave it",
+          "[tet][unit]") {
+  const double gap = 0.005;  // facets keep 0.01 elsewhere, with this `max_vertex_shift_mm`
+  ImproveTetsOptions options;
+  options.insert_below_deg = 0;
+  options.max_vertex_shift_mm = 1;
+  TetMesh mesh = flat_roof(0.02, false);
+  add_ceiling(mesh, 0.02 + gap);
+  const ImproveTetsStats stats = improve_tets(mesh, options, silent_context());
+  CHECK(stats.shifted_vertices > 0);
+  CHECK(stats.after.min_deg > stats.before.min_deg + 1);
+  CHECK(std::max(mesh.points[0].z, mesh.points[1].z) < 0.02 + gap);
+  CHECK(find_intersections(mesh.surface).empty());
+}
+
 TEST_CASE(
     "improve_tets: two sheets that nearly touch are drawn apart, the same way at any number "
     "of threads",

@@ -28,8 +28,10 @@ constexpr double kInnerStep = 0.3;
 constexpr double kLeastShapeKept = 0.9, kGoodShape = 0.4;
 /// Of the angle that the exterior has at an edge.
 constexpr double kOuterAngleKept = 0.5;
-/// Distance that facets on the exterior keep, over the longest move.
+/// Distance that facets on the exterior keep, over the longest move; where they are nearer already,
+/// what is left after so many halvings.
 constexpr double kClearance = 0.01;
+constexpr int kClearanceHalvings = 3;
 
 std::size_t at(std::int32_t index) {
   return static_cast<std::size_t>(index);
@@ -314,6 +316,13 @@ bool GapOpener::is_swept_free(std::int32_t v, const Face& facet) {
   box.add(points_.back());
   box.lo -= Vec3{clearance, clearance, clearance};
   box.hi += Vec3{clearance, clearance, clearance};
+  // Of facets that are nearer than the clearance already, half of what there is must stay.
+  const auto comes_nearer = [&](const Face& other) {
+    double kept = clearance;
+    for (int halving = 0; halving < kClearanceHalvings; ++halving, kept /= 2)
+      if (!are_facets_near(points_, facet, other, kept)) break;
+    return are_facets_near(points_, faces[0], other, kept);
+  };
   bool is_swept_free = true;
   outer_->query(box, [&](const FacetIndex::Entry& entry) {
     const Face& other = tets_.surface().facets[at(entry.id)];
@@ -324,7 +333,7 @@ bool GapOpener::is_swept_free(std::int32_t v, const Face& facet) {
       if (u != a && u != b &&
           is_in_tet(points_[at(u)], points_[at(v)], points_.back(), points_[at(a)], points_[at(b)]))
         is_swept_free = false;
-    if (are_facets_near(points_, faces[0], other, clearance)) is_swept_free = false;
+    if (comes_nearer(other)) is_swept_free = false;
   });
   return is_swept_free;
 }
