@@ -28,7 +28,7 @@ namespace cvmesh {
 ///   `max_surface_shift_mm` and keeps its vertices, its patches and its topology;
 /// - last, where tets are still poor, the longest edges that they have on the surface are split in
 ///   their middles: what is flat is so only for as long as its edges are much longer than the gap
-///   between two sheets. Rounds are kept as long as the tets lack less after each.
+///   between two sheets. The state in which the tets lack least is kept (`refine_surface`).
 ///
 /// Where two sheets of the surface meet in a narrow wedge, no interior change helps: such tets are
 /// told apart (`DihedralAngles`). Interior vertices may go, and indices above those of the surface

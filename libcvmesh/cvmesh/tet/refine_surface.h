@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/core/context.h"
+#include "cvmesh/tet/improve_tets.h"
+
+#include <vector>
+
+namespace cvmesh {
+
+/// Splits edges of the surface at tets that `improve_tets` left poor, and improves what is around
+/// them, in rounds. A round that does not help on the whole is made once more only where it does;
+/// if that is no better either, up to three more rounds go on from it. What counts is the state in
+/// which the tets lack least. Holds up to four copies of the mesh.
+///
+/// @param home   where the surface's vertices were at first
+/// @param stats  of the improvement before; what is done here is added to it
+/// @throws Error Limit when `context.cancel` is set; `mesh` is lost then
+void refine_surface(TetMesh& mesh,
+                    const std::vector<Vec3>& home,
+                    const ImproveTetsOptions& options,
+                    const StageContext& context,
+                    ImproveTetsStats& stats);
+
+}  // namespace cvmesh
