@@ -20,6 +20,7 @@
 #include <fstream>
 #include <iterator>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -431,6 +432,24 @@ TEST_CASE("run_pipeline: a wanted number of vertices goes where it lowers the di
   CHECK(mean(TargetSizes::Deviation) < 0.8 * mean(TargetSizes::FeatureSize));
   // with the feature size, the number found is the epsilon to give next time
   CHECK(reports[TargetSizes::FeatureSize].stages.epsilon_search->epsilon > 0.3);
+}
+
+TEST_CASE("run_pipeline: the tolerance of decimation grows with the edges of sparse meshes only",
+          "[pipeline][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(24));
+  RunRequest request = request_for(folder / "a.nii", folder / "out");
+  request.surface_only = true;
+  const auto stages_at = [&](double epsilon, std::optional<double> given) {
+    request.parameters.sizing.epsilon = epsilon;
+    request.parameters.deviation_vox = given;
+    return run_pipeline(request, silent_context()).report.stages;
+  };
+  CHECK(stages_at(0.25, {}).decimation->deviation_vox == 0.5);
+  CHECK(stages_at(1, 0.3).decimation->deviation_vox == 0.3);
+  const StageResults sparse = stages_at(1, {});
+  CHECK(sparse.decimation->deviation_vox > 0.5);
+  CHECK(sparse.decimation->deviation_vox <= sparse.sizing_field->h_max_mm / 12);
 }
 
 TEST_CASE("run_pipeline: target_tets is met within five percent", "[pipeline][unit]") {
