@@ -38,7 +38,9 @@ struct ImproveTetsOptions {
   /// Below it the worst angle counts, above it the mean. Larger values cost much of the mean: 3r/R
   /// of 15,000 vertices of a liver 0.80 with 16, 0.77 with 25, 0.71 with 35.
   double comfort_deg = 16;
-  double insert_below_deg = 20;          ///< a new vertex only for such a tet; 0: none
+  /// A new vertex only for such a tet; 0: none. 20 takes 6 % less time for a bunny of 227,000 tets,
+  /// whose smallest angle is then 17 degrees, not 22.
+  double insert_below_deg = 27;
   double max_surface_shift_mm = 0;       ///< of flips of surface edges; 0: no such flips
   double max_vertex_shift_mm = 0;        ///< of vertices of the surface; 0: they stay
   double min_split_edge_mm = 0;          ///< shorter edges of the surface are not split
