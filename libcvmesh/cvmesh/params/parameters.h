@@ -118,9 +118,10 @@ struct Parameters {
   SizingOptions sizing;
   SeedParticlesOptions seed_particles;
   DistributeParticlesOptions distribute_particles;
-  /// Of decimation and flips; by default what the edges ask for.
+  /// Tolerance of decimation and flips, in voxels; empty: what the particles' edges ask for. It
+  /// rules over the `deviation_vox` of their own options.
   std::optional<double> deviation_vox;
-  DecimateOptions decimate;  ///< without its tolerance
+  DecimateOptions decimate;
   FitVerticesOptions fit_vertices;
   FlipEdgesOptions flip_edges;
   TetrahedralizeOptions tetrahedralize;

@@ -23,6 +23,9 @@ class TetImprover {
   /// @param mesh     is changed by `close` only
   /// @param context  is referred to
   TetImprover(TetMesh& mesh, const ImproveTetsOptions& options, const StageContext& context);
+  // The finders refer to the tets of this one.
+  TetImprover(const TetImprover&) = delete;
+  TetImprover& operator=(const TetImprover&) = delete;
 
   [[nodiscard]] DihedralAngles measure() const { return measure_dihedral_angles(tets_); }
 
