@@ -12,15 +12,9 @@ namespace {
 using Tet = OpenTets::Tet;
 using Ring = OpenTets::Ring;
 
-/// Most tets around an edge that is removed: larger rings hardly ever gain.
-constexpr std::size_t kMaxRing = 9;
 constexpr std::int32_t kNone = OpenTets::kNone;
 
 }  // namespace
-
-bool ChangeFinder::find_ring(std::int32_t t, std::size_t e, Ring& ring) const {
-  return tets_.find_ring(t, e, kMaxRing, ring);
-}
 
 /// Keeps the change if it is the best so far: by the worst sine, then by the mean.
 void ChangeFinder::offer(TetChange&& change, const TetQuality& before, TetChange& best) const {
@@ -130,7 +124,7 @@ void ChangeFinder::try_contraction(std::int32_t v, std::int32_t u, TetChange& be
 TetChange ChangeFinder::best_change(std::int32_t t) {
   TetChange best;
   for (std::size_t e = 0; e < 6; ++e)
-    if (find_ring(t, e, ring_)) try_edge_removal(ring_, best);
+    if (tets_.find_ring(t, e, kMaxRing, ring_)) try_edge_removal(ring_, best);
   for (std::size_t k = 0; k < 4; ++k)
     try_face_flip(t, k, best);
   const Tet tet = tets_.tet(t);

@@ -24,12 +24,11 @@ struct TetChange {
 /// the 2-3 flip; interior vertices that go into a neighbour.
 class ChangeFinder {
  public:
+  /// Most tets around an edge that is removed: larger rings hardly ever gain.
+  static constexpr std::size_t kMaxRing = 9;
+
   /// @param tets  is referred to, never changed
   ChangeFinder(const OpenTets& tets, const TetGoal& goal) : tets_(tets), goal_(goal) {}
-
-  /// The ring around edge e of tet t; false where the edge cannot go: it lies on the surface, or
-  /// has so many tets that removing it hardly ever gains.
-  bool find_ring(std::int32_t t, std::size_t e, OpenTets::Ring& ring) const;
 
   /// `best`, or the removal of the ring's edge where that is better.
   void try_edge_removal(const OpenTets::Ring& ring, TetChange& best) const;

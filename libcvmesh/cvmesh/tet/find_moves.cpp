@@ -20,24 +20,14 @@ void MoveFinder::gather(std::int32_t v, Star& star) const {
     return std::pair(tets_.score(s).min_sine, s) < std::pair(tets_.score(t).min_sine, t);
   });
   star.corners.clear();
-  for (const std::int32_t t : star.tets)
-    star.corners.push_back(tets_.tet(t));
-  star.quality = quality_of(tets_, star.tets);
-}
-
-TetQuality MoveFinder::quality_at(std::int32_t v,
-                                  const Vec3& p,
-                                  double floor,
-                                  const Star& star) const {
-  TetQuality quality;
-  for (const Tet& tet : star.corners) {
-    std::array<Vec3, 4> c;
-    for (std::size_t k = 0; k < 4; ++k)
-      c[k] = tet[k] == v ? p : tets_.point(tet[k]);
-    quality.add(score_tet(c[0], c[1], c[2], c[3], floor));
-    if (quality.worst < floor) return quality;
+  star.scores.clear();
+  for (const std::int32_t t : star.tets) {
+    const Tet& tet = star.corners.emplace_back(tets_.tet(t));
+    const auto k = static_cast<std::size_t>(std::find(tet.begin(), tet.end(), v) - tet.begin());
+    const auto& [a, b, c] = OpenTets::kFaces[k];
+    star.scores.add(tets_.point(tet[a]), tets_.point(tet[b]), tets_.point(tet[c]));
   }
-  return quality;
+  star.quality = quality_of(tets_, star.tets);
 }
 
 MoveFinder::Move MoveFinder::find_move(std::int32_t v, int halvings, Star& star) const {
@@ -68,7 +58,7 @@ MoveFinder::Move MoveFinder::find_move(std::int32_t v, int halvings, Star& star)
   TetQuality reached = star.quality;
   Move best{false, tets_.point(v)};
   const auto attempt = [&](const Vec3& p) {
-    const TetQuality quality = quality_at(v, p, goal_.capped(reached.worst), star);
+    const TetQuality quality = star.scores.quality_at(p, goal_.capped(reached.worst));
     if (!goal_.is_better(quality, reached)) return;
     reached = quality;
     best = {true, p};

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "cvmesh/tet/open_tets.h"
+#include "cvmesh/tet/star_scores.h"
 #include "cvmesh/tet/tet_goal.h"
 
 #include <cstdint>
@@ -12,11 +13,12 @@ namespace cvmesh {
 /// Finds better places for vertices of the interior.
 class MoveFinder {
  public:
-  /// The tets around a vertex, and their corners, so that the search need not look them up.
+  /// The tets around a vertex, their corners and faces, so that the search need not look them up.
   struct Star {
     std::vector<std::int32_t> tets;  ///< the worst first
     std::vector<OpenTets::Tet> corners;
-    TetQuality quality;
+    StarScores scores;   ///< in the same order
+    TetQuality quality;  ///< as it is now
   };
 
   struct Move {
@@ -28,12 +30,6 @@ class MoveFinder {
   MoveFinder(const OpenTets& tets, const TetGoal& goal) : tets_(tets), goal_(goal) {}
 
   void gather(std::int32_t v, Star& star) const;
-
-  /// The quality around v if it were at p; stops once an angle is below `floor`.
-  [[nodiscard]] TetQuality quality_at(std::int32_t v,
-                                      const Vec3& p,
-                                      double floor,
-                                      const Star& star) const;
 
   /// Pattern search for the best place of v: towards the centroid of the star, away from the worst
   /// tet's opposite face, and along the axes, with steps that halve `halvings` times.

@@ -120,31 +120,6 @@ void OpenTets::find_star(std::int32_t v, std::vector<std::int32_t>& star) const 
     }
 }
 
-bool OpenTets::find_ring(std::int32_t t, std::size_t e, std::size_t most, Ring& ring) const {
-  const Tet& first = tet(t);
-  ring.a = first[kEdges[e][0]];
-  ring.b = first[kEdges[e][1]];
-  std::int32_t behind = first[kEdges[e][2]], ahead = first[kEdges[e][3]];
-  ring.corners.assign(1, behind);
-  ring.tets.assign(1, t);
-  for (std::int32_t now = t;;) {
-    const Tet& corners = tet(now);
-    const auto opposite = static_cast<std::size_t>(
-        std::find(corners.begin(), corners.end(), behind) - corners.begin());
-    const std::int32_t next = neighbour(now, opposite);
-    if (next == kNone) return false;
-    if (next == t) break;
-    ring.corners.push_back(ahead);
-    ring.tets.push_back(next);
-    if (ring.tets.size() > most) return false;
-    behind = ahead;
-    for (const std::int32_t v : tet(next))
-      if (v != ring.a && v != ring.b && v != behind) ahead = v;
-    now = next;
-  }
-  return ring.tets.size() >= 3;
-}
-
 void OpenTets::replace(const std::vector<std::int32_t>& removed, const std::vector<Tet>& added) {
   struct Open {
     Face face;

@@ -4,6 +4,7 @@
 #include "cvmesh/mesh/tet_mesh.h"
 #include "cvmesh/tet/tet_score.h"
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <utility>
@@ -91,7 +92,14 @@ class OpenTets {
 
   /// The tets around edge e of tet t; false when the edge lies on the surface or has more tets
   /// than `most`.
-  bool find_ring(std::int32_t t, std::size_t e, std::size_t most, Ring& ring) const;
+  bool find_ring(std::int32_t t, std::size_t e, std::size_t most, Ring& ring) const {
+    return find_ring(t, e, most, ring, [](std::int32_t) { return true; });
+  }
+
+  /// The same; also false at the first tet, t apart, that `accept` refuses.
+  template <typename Accept>
+  bool find_ring(
+      std::int32_t t, std::size_t e, std::size_t most, Ring& ring, const Accept& accept) const;
 
   /// Puts tets in the place of others that fill the same space, all of one material.
   void replace(const std::vector<std::int32_t>& removed, const std::vector<Tet>& added);
@@ -202,5 +210,33 @@ class OpenTets {
   std::vector<std::int32_t> freed_in_trial_, taken_in_trial_;
   std::size_t points_at_trial_ = 0;
 };
+
+template <typename Accept>
+bool OpenTets::find_ring(
+    std::int32_t t, std::size_t e, std::size_t most, Ring& ring, const Accept& accept) const {
+  const Tet& first = tet(t);
+  ring.a = first[kEdges[e][0]];
+  ring.b = first[kEdges[e][1]];
+  std::int32_t behind = first[kEdges[e][2]], ahead = first[kEdges[e][3]];
+  ring.corners.assign(1, behind);
+  ring.tets.assign(1, t);
+  for (std::int32_t now = t;;) {
+    const Tet& corners = tet(now);
+    const auto opposite = static_cast<std::size_t>(
+        std::find(corners.begin(), corners.end(), behind) - corners.begin());
+    const std::int32_t next = neighbour(now, opposite);
+    if (next == kNone) return false;
+    if (next == t) break;
+    if (!accept(next)) return false;
+    ring.corners.push_back(ahead);
+    ring.tets.push_back(next);
+    if (ring.tets.size() > most) return false;
+    behind = ahead;
+    for (const std::int32_t v : tet(next))
+      if (v != ring.a && v != ring.b && v != behind) ahead = v;
+    now = next;
+  }
+  return ring.tets.size() >= 3;
+}
 
 }  // namespace cvmesh

@@ -103,7 +103,7 @@ std::size_t TetImprover::smooth() {
     if (!moves[i].is_found) continue;
     moves_.gather(v, star);
     const double floor = goal_.capped(star.quality.worst);
-    if (!goal_.is_better(moves_.quality_at(v, moves[i].position, floor, star), star.quality))
+    if (!goal_.is_better(star.scores.quality_at(moves[i].position, floor), star.quality))
       continue;
     tets_.move_point(v, moves[i].position, star.tets);
     ++count;
@@ -246,11 +246,9 @@ void TetImprover::propose_removals(std::int32_t t,
   if (tets_.is_removed(t) || !has_changed_since(t, since)) return;
   OpenTets::Ring ring;
   for (std::size_t e = 0; e < 6; ++e) {
-    if (!changes_.find_ring(t, e, ring)) continue;
     // Once per edge: at the first tet with something new.
-    if (std::any_of(ring.tets.begin(), ring.tets.end(),
-                    [&](std::int32_t s) { return s < t && has_changed_since(s, since); }))
-      continue;
+    const auto is_ours = [&](std::int32_t s) { return s > t || !has_changed_since(s, since); };
+    if (!tets_.find_ring(t, e, ChangeFinder::kMaxRing, ring, is_ours)) continue;
     TetChange change;
     changes_.try_edge_removal(ring, change);
     if (change.kind != TetChange::Kind::None) proposals.push_back(std::move(change));
@@ -278,7 +276,7 @@ bool TetImprover::shed_at(std::int32_t t,
     return false;
   }
   const ImproveTetsStats stats_before = stats;
-  if (!tets_.is_removed(t) && changes_.find_ring(t, e, ring_)) {
+  if (!tets_.is_removed(t) && tets_.find_ring(t, e, ChangeFinder::kMaxRing, ring_)) {
     TetChange change;
     changes_.try_edge_removal(ring_, change);
     if (change.kind != TetChange::Kind::None) apply(change, stats);
