@@ -187,6 +187,24 @@ TEST_CASE("SurfaceObjective: a facet that bridges a gap is far from the samples"
   CHECK(objective.bridge_mm({0, 0, 9}, {1, 0, 9}, {0, 1, 9}, nearest, 1) == 0);
 }
 
+TEST_CASE("flip_edges: what is flat as a line becomes less so step by step", "[surface][unit]") {
+  // A pyramid upside down; in its flat top two facets on edge 0-1, one flat as a line. A flip of
+  // that edge leaves facets poorer than flips may make of good ones.
+  InterfaceMesh mesh;
+  mesh.points = {{0, 0, 0},  {10, 0, 0}, {4, 1e-5, 0}, {5, -2e-3, 0},
+                 {5, -4, 0}, {5, 4, 0},  {5, 0, -5}};
+  mesh.facets = {{0, 1, 2}, {1, 0, 3}, {2, 1, 5}, {0, 2, 5}, {3, 0, 4},
+                 {1, 3, 4}, {4, 0, 6}, {1, 4, 6}, {5, 1, 6}, {0, 5, 6}};
+  mesh.patch_of.assign(mesh.facets.size(), {{1, 0}, 0});
+  const auto flipped = flip_edges(MaterialSurfaces(mesh, 2), 1, {}, silent_context());
+  REQUIRE(flipped.surfaces.validate().is_valid());
+  const InterfaceMesh after = flipped.surfaces.to_interface_mesh();
+  for (const auto& [a, b, c] : after.facets)
+    CHECK(triangle_quality(after.points[static_cast<std::size_t>(a)],
+                           after.points[static_cast<std::size_t>(b)],
+                           after.points[static_cast<std::size_t>(c)]) > 0.1);
+}
+
 TEST_CASE("flip_edges: keeps every invariant and leaves nothing to gain", "[surface][property]") {
   for (const auto& volume : {phantoms::ball(8), phantoms::three_material_wedge(75, 8),
                              phantoms::torus(9, 3), phantoms::box_without_background()}) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/core/random.h"
 #include "cvmesh/mesh/validate.h"
+#include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/surface/insert_particles.h"
 
 #include "support/catch.h"
@@ -170,4 +171,43 @@ TEST_CASE("insert_particles: moves that add up fold no facets onto each other",
     CHECK(result.surfaces.validate().is_valid());
     CHECK(sharpest_fold(result.surfaces) >= std::min(sharpest_fold(before), kTenDegrees));
   }
+}
+
+TEST_CASE("insert_particles: several particles in one needle do not nest in it",
+          "[surface][unit]") {
+  // A pyramid upside down, with the needle (0, 1, 2) in its flat top.
+  InterfaceMesh mesh;
+  mesh.points = {{0, 0, 0}, {10, 0, 0}, {9.9, 0.2, 0}, {5, -4, 0}, {5, 4, 0}, {5, 0, -5}};
+  mesh.facets = {{0, 1, 2}, {0, 3, 1}, {1, 4, 2}, {0, 2, 4},
+                 {3, 0, 5}, {1, 3, 5}, {4, 1, 5}, {0, 4, 5}};
+  mesh.patch_of.assign(mesh.facets.size(), {{1, 0}, 0});
+  ParticleSet set;
+  const auto add = [&](const Vec3& position) {
+    Particle p{.position = position, .h_mm = 1, .dimension = 2, .stratum = 0};
+    p.carrier[0] = 0;
+    set.particles.push_back(p);
+  };
+  for (std::size_t corner = 0; corner < 3; ++corner)
+    add(mesh.points[corner]);
+  for (const double x : {2., 4., 5.5, 7., 8.5})
+    add({x, 0.01 * x, 0});
+  const auto poorest = [](const MaterialSurfaces& surfaces) {
+    double least = 1;
+    for (const auto& facet : surfaces.facets()) {
+      const auto& [a, b, c] = facet.vertices;
+      const auto& p = surfaces.points();
+      if (facet.is_alive) least = std::min(least, triangle_quality(p[a], p[b], p[c]));
+    }
+    return least;
+  };
+  MaterialSurfaces surfaces(mesh, 2);
+  const double before = poorest(surfaces);
+  InsertParticlesResult result =
+      insert_particles(std::move(surfaces), find_strata(mesh), set, 1, silent_context());
+  REQUIRE(result.surfaces.validate().is_valid());
+  CHECK(result.stats.facet_splits == 0);
+  const FlipEdgesResult flipped =
+      flip_edges(std::move(result.surfaces), 1, FlipEdgesOptions{}, silent_context());
+  REQUIRE(flipped.surfaces.validate().is_valid());
+  CHECK(poorest(flipped.surfaces) >= 0.5 * before);
 }

@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/tet/star_scores.h"
-
 #include "cvmesh/tet/tet_score.h"
 
-#include <catch2/catch.hpp>
-
+#include "support/catch.h"
 #include <array>
 #include <limits>
 #include <random>
@@ -49,7 +47,7 @@ TetQuality one_by_one(const std::vector<Face>& faces, const Vec3& p) {
 
 }  // namespace
 
-TEST_CASE("stars are scored as their tets are one by one") {
+TEST_CASE("StarScores: stars are scored as their tets are one by one", "[tet][property]") {
   std::mt19937_64 random(1);
   std::size_t upright = 0;
   for (std::size_t count = 1; count < 40; ++count) {
@@ -68,7 +66,7 @@ TEST_CASE("stars are scored as their tets are one by one") {
   CHECK(upright > 10);
 }
 
-TEST_CASE("the star of a regular tet's centre and corners") {
+TEST_CASE("StarScores: a regular tet, from its centre and its corners", "[tet][unit]") {
   const Vec3 a{1, 1, 1}, b{1, -1, -1}, c{-1, 1, -1}, d{-1, -1, 1};
   // Counter-clockwise from outside the tet: away from the fourth corner.
   const StarScores star = star_of({{a, b, c}, {a, c, d}, {a, d, b}, {b, d, c}});
@@ -80,7 +78,7 @@ TEST_CASE("the star of a regular tet's centre and corners") {
   CHECK(star_of({{b, d, c}}).quality_at(a, kNoFloor).mean() == Approx(1));
 }
 
-TEST_CASE("flat, inverted and degenerate tets are as bad as can be") {
+TEST_CASE("StarScores: flat, inverted and degenerate tets are as bad as can be", "[tet][unit]") {
   const Vec3 a{1, 0, 0}, b{0, 1, 0}, c{0, 0, 1}, below{0, 0, 0}, above{1, 1, 1};
   const StarScores star = star_of({{a, b, c}});
   CHECK(star.quality_at(below, kNoFloor).worst > 0);
@@ -91,7 +89,7 @@ TEST_CASE("flat, inverted and degenerate tets are as bad as can be") {
   CHECK(star_of({{a, a, b}}).quality_at(c, kNoFloor).sum == 0);
 }
 
-TEST_CASE("scoring stops below the floor, and room is used again") {
+TEST_CASE("StarScores: scoring stops below the floor, and room is used again", "[tet][unit]") {
   std::mt19937_64 random(2);
   StarScores star = star_of(random_faces(40, random));
   CHECK(star.quality_at(random_point(random), 0.5).count < 40);

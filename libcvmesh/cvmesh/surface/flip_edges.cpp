@@ -278,8 +278,13 @@ class Flipper {
   bool is_allowed(const Flip& flip) {
     const auto& [first, second, a, b, c, d, after, farthest_after, outer, before_, after_] = flip;
     const auto& p = surfaces_.points();
+    const auto quality = [&](const VertexTriple& t) {
+      return triangle_quality(p[t[0]], p[t[1]], p[t[2]]);
+    };
+    // What is poorer already may become less so.
+    const double least = std::min({kMinQuality, quality({a, b, c}), quality({b, a, d})});
     for (const auto& t : after)
-      if (triangle_quality(p[t[0]], p[t[1]], p[t[2]]) < kMinQuality) return false;
+      if (quality(t) < least) return false;
     const std::array<Vec3, 2> normal{unit_normal(after[0]), unit_normal(after[1])};
     if (dot(normal[0], normal[1]) < kMinFoldCosine) return false;
     const std::array<std::pair<int, int>, 4> sides{{{0, 2}, {0, 1}, {1, 3}, {1, 0}}};

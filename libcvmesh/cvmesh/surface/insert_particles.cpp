@@ -237,16 +237,7 @@ class Inserter {
     const auto& points = surfaces_.points();
     const Vec3 on = nearest_on_triangle(particle.position, points[corners[0]], points[corners[1]],
                                         points[corners[2]]);
-    // near a side the side is split: no thin facet
-    constexpr double kSideShare = 0.1;
-    const double area =
-        norm(area_vector2(points[corners[0]], points[corners[1]], points[corners[2]]));
-    for (int c = 0; c < 3; ++c) {
-      const auto a = corners[c], b = corners[(c + 1) % 3];
-      std::int32_t first = -1, second = -1;
-      if (norm(area_vector2(points[a], points[b], on)) > kSideShare * area ||
-          !surfaces_.facets_of_edge(a, b, first, second))
-        continue;
+    if (const auto [a, b] = side_to_split(f, on); a >= 0) {
       const Vec3 at = point_on_edge(a, b, on);
       if (const auto near = crowded_vertex(at, corners); near >= 0) return share(near, stats);
       ++stats.edge_splits;
@@ -263,6 +254,34 @@ class Inserter {
       insert_facet(surfaces_, g, index_);
     ++stats.facet_splits;
     return take_new(v, particle.position, stats);
+  }
+
+  // The side of facet f nearest to a point in it, where it is so near that splitting the facet
+  // there would leave a thin one; or -1, -1. Where several particles lie in one needle, facets
+  // nested in it would be flat to the last bit, and no flip could help them.
+  [[nodiscard]] std::pair<std::int32_t, std::int32_t> side_to_split(std::int32_t f,
+                                                                    const Vec3& point) const {
+    constexpr double kAreaShare = 0.1;
+    constexpr double kLeastSlope = 0.1;  // of the new facet at the side's nearer end
+    const auto& corners = surfaces_.facets()[f].vertices;
+    const auto& points = surfaces_.points();
+    const double area2 =
+        norm(area_vector2(points[corners[0]], points[corners[1]], points[corners[2]]));
+    std::pair<std::int32_t, std::int32_t> nearest(-1, -1);
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t c = 0; c < 3; ++c) {
+      const auto a = corners[c], b = corners[(c + 1) % 3];
+      const double part2 = norm(area_vector2(points[a], points[b], point));
+      const double height = part2 / distance(points[a], points[b]);
+      const double to_end = std::min(distance(points[a], point), distance(points[b], point));
+      std::int32_t first = -1, second = -1;
+      if ((part2 > kAreaShare * area2 && height > kLeastSlope * to_end) || height >= least ||
+          !surfaces_.facets_of_edge(a, b, first, second))
+        continue;
+      least = height;
+      nearest = {a, b};
+    }
+    return nearest;
   }
 
   // The nearest free vertex of the carrier facet within reach, or -1.

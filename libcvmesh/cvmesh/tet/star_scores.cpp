@@ -52,7 +52,7 @@ TetQuality StarScores::quality_at(const Vec3& p, double floor) const {
 CVMESH_FOR_EACH_PROCESSOR
 TetQuality StarScores::score(const Faces* faces, std::size_t count, const Vec3& p, double floor) {
   const Lanes none{};
-  const auto take_root = [](Lanes& x) __attribute__((always_inline)) {
+  const auto take_root = [](Lanes & x) __attribute__((always_inline)) {
     for (std::size_t l = 0; l < kLanes; ++l)
       x[l] = std::sqrt(x[l]);
   };
@@ -95,7 +95,8 @@ TetQuality StarScores::score(const Faces* faces, std::size_t count, const Vec3& 
     take_root(area_c);
     take_root(root_heron);
     const Lanes areas = f.root_area2 + area_a + area_b + area_c;
-    const Lanes ratio = (sine > 0) & (heron > 0) ? 12 * volume * volume / (areas * root_heron) : none;
+    const Lanes ratio =
+        (sine > 0) & (heron > 0) ? 12 * volume * volume / (areas * root_heron) : none;
     const std::size_t lanes = std::min(kLanes, count - first);
     for (std::size_t l = 0; l < lanes; ++l)
       quality.add({sine[l], ratio[l]});

@@ -35,10 +35,10 @@ class StarScores {
   };
 
   struct alignas(sizeof(Lanes)) Faces {
-    Points a, b, c;             ///< the corners
-    Points area_vector;         ///< twice the area, out of the tet
-    Lanes area2, root_area2;           ///< its squared length, and its length
-    Lanes ab, bc, ca;                  ///< squared lengths of the edges
+    Points a, b, c;           ///< the corners
+    Points area_vector;       ///< twice the area, out of the tet
+    Lanes area2, root_area2;  ///< its squared length, and its length
+    Lanes ab, bc, ca;         ///< squared lengths of the edges
   };
 
   /// For `count` tets, in blocks of which the last may be padded.

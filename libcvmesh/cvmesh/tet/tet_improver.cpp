@@ -103,8 +103,7 @@ std::size_t TetImprover::smooth() {
     if (!moves[i].is_found) continue;
     moves_.gather(v, star);
     const double floor = goal_.capped(star.quality.worst);
-    if (!goal_.is_better(star.scores.quality_at(moves[i].position, floor), star.quality))
-      continue;
+    if (!goal_.is_better(star.scores.quality_at(moves[i].position, floor), star.quality)) continue;
     tets_.move_point(v, moves[i].position, star.tets);
     ++count;
   }
