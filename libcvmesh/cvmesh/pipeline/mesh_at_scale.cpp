@@ -14,6 +14,7 @@
 #include "cvmesh/pipeline/surface_sampler.h"
 #include "cvmesh/pipeline/write_stages.h"
 #include "cvmesh/surface/measure_deviation.h"
+#include "cvmesh/surface/remove_needles.h"
 #include "cvmesh/tet/delaunay_tets.h"
 
 #include <spdlog/fmt/fmt.h>
@@ -74,6 +75,22 @@ double tolerance_vox(const Parameters& parameters, const ParticleSet& particles,
   for (const Particle& particle : particles.particles)
     edges_mm.push_back(particle.h_mm);
   return std::max(kLeastDeviationVox, kDeviationOfEdges * median(std::move(edges_mm)) / voxel_mm);
+}
+
+/// Edge flips, and once more where vertices of needles went.
+FlipEdgesResult flip_and_free(Run& run,
+                              MaterialSurfaces surfaces,
+                              double voxel_mm,
+                              const FlipEdgesOptions& options) {
+  FlipEdgesResult first = flip_edges(std::move(surfaces), voxel_mm, options, run.context);
+  RemoveNeedlesResult freed =
+      remove_needles(std::move(first.surfaces), voxel_mm, options.deviation_vox, run.context);
+  run.report.stages.needles = freed.stats;
+  if (freed.stats.removed == 0) return {std::move(freed.surfaces), first.stats};
+  FlipEdgesResult second = flip_edges(std::move(freed.surfaces), voxel_mm, options, run.context);
+  second.stats.flips += first.stats.flips;
+  second.stats.passes += first.stats.passes;
+  return second;
 }
 
 /// The surfaces after decimation and flips.
@@ -151,9 +168,10 @@ Sparse sparsen(Run& run,
 
   FlipEdgesResult flipped = run.stage.run(
       stage_names::kEdgeFlipping,
-      [&] { return flip_edges(std::move(fitted.surfaces), voxel_mm, flip_options, run.context); },
-      [](const FlipEdgesResult& r) {
-        return fmt::format("{} flips in {} passes", r.stats.flips, r.stats.passes);
+      [&] { return flip_and_free(run, std::move(fitted.surfaces), voxel_mm, flip_options); },
+      [&](const FlipEdgesResult& r) {
+        return fmt::format("{} flips in {} passes, {} vertices of needles removed", r.stats.flips,
+                           r.stats.passes, run.report.stages.needles->removed);
       });
   run.report.stages.edge_flipping = flipped.stats;
   if (std::isfinite(limit_mm))

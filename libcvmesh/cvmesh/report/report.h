@@ -25,6 +25,7 @@
 #include "cvmesh/surface/fit_vertices.h"
 #include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/surface/insert_particles.h"
+#include "cvmesh/surface/remove_needles.h"
 #include "cvmesh/tet/delaunay_tets.h"
 #include "cvmesh/tet/second_order.h"
 #include "cvmesh/tet/split_contacts.h"
@@ -91,6 +92,7 @@ struct StageResults {
   std::optional<ConformEdgesStats> edge_conformity;  ///< only of the sequential schedule
   std::optional<FitVerticesStats> vertex_fit;
   std::optional<FlipEdgesStats> edge_flipping;
+  std::optional<RemoveNeedlesStats> needles;
   std::optional<DelaunayTetsStats> delaunay_tets;  ///< only of that baseline
   std::optional<TetrahedralizeStats> tetrahedra;
   std::optional<SecondOrderStats> second_order;

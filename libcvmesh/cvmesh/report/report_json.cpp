@@ -173,6 +173,7 @@ Json stages_json(const Report& report) {
         pairs_json(stages.edge_conformity->passes, report.label_of);
   add(object, "vertex_fit", stages.vertex_fit);
   add(object, "edge_flipping", stages.edge_flipping);
+  add(object, "needles", stages.needles);
   add(object, "delaunay_tetrahedra", stages.delaunay_tets);
   add(object, "tetrahedra", stages.tetrahedra);
   if (stages.tetrahedra)

@@ -165,6 +165,10 @@ void to_json(Json& json, const FlipEdgesStats& stats) {
   json = {{"flips", stats.flips}, {"refused", stats.refused}, {"passes", stats.passes}};
 }
 
+void to_json(Json& json, const RemoveNeedlesStats& stats) {
+  json = {{"removed", stats.removed}};
+}
+
 void to_json(Json& json, const DelaunayTetsStats& stats) {
   json = {{"particles", stats.particles},
           {"unused_particles", stats.unused_particles},

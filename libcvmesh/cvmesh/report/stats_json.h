@@ -30,6 +30,7 @@ void to_json(nlohmann::ordered_json& json, const EdgeConformity& conformity);
 void to_json(nlohmann::ordered_json& json, const ConformEdgesStats& stats);
 void to_json(nlohmann::ordered_json& json, const FitVerticesStats& stats);
 void to_json(nlohmann::ordered_json& json, const FlipEdgesStats& stats);
+void to_json(nlohmann::ordered_json& json, const RemoveNeedlesStats& stats);
 void to_json(nlohmann::ordered_json& json, const DelaunayTetsStats& stats);
 void to_json(nlohmann::ordered_json& json, const TetrahedralizeStats& stats);
 /// The counts; the places go where their labels are known.

@@ -74,7 +74,7 @@ TetQuality StarScores::score(const Faces* faces, std::size_t count, const Vec3& 
     const Lanes area2_b = bx * bx + by * by + bz * bz;
     const Lanes area2_c = cx * cx + cy * cy + cz * cz;
     // As in `score_any_tet`, which has the reasons: for each edge, |e|^2 times the squared areas
-    // of the two faces across which it is not an edge.
+    // of the two faces that it does not belong to.
     const Lanes x_pa = pa * f.area2 * area2_a, x_pb = pb * f.area2 * area2_b;
     const Lanes x_pc = pc * f.area2 * area2_c, x_ab = f.ab * area2_a * area2_b;
     const Lanes x_bc = f.bc * area2_b * area2_c, x_ca = f.ca * area2_c * area2_a;

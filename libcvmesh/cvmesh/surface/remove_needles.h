@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: AGPL-3.0-or-later
+#pragma once
+
+#include "cvmesh/core/context.h"
+#include "cvmesh/mesh/material_surfaces.h"
+
+#include <cstddef>
+
+namespace cvmesh {
+
+struct RemoveNeedlesStats {
+  std::size_t removed = 0;  ///< vertices
+};
+
+struct RemoveNeedlesResult {
+  MaterialSurfaces surfaces;
+  RemoveNeedlesStats stats;
+};
+
+/// Takes out vertices that only make facets flat. Where particles lie in a row on one side of a
+/// long facet of the dense surface, no flip helps: there is but one triangulation, all of needles.
+///
+/// Vertices inside a patch go, at the flattest facets first. As in decimation the hole is closed by
+/// the triangulation with the least objective, and every facet made is better than the one that
+/// made the vertex go. What is removed stays within a needle's width of the surface.
+/// @param deviation_vox  as in `DecimateOptions`
+RemoveNeedlesResult remove_needles(MaterialSurfaces surfaces,
+                                   double voxel_mm,
+                                   double deviation_vox,
+                                   const StageContext& context);
+
+}  // namespace cvmesh
