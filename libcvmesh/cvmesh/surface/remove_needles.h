@@ -22,7 +22,8 @@ struct RemoveNeedlesResult {
 ///
 /// Vertices inside a patch go, at the flattest facets first. As in decimation the hole is closed by
 /// the triangulation with the least objective, and every facet made is better than the one that
-/// made the vertex go. What is removed stays within a needle's width of the surface.
+/// made the vertex go. The vertex that goes lies at most a needle's width from one that stays, or
+/// from the side of a cap; how far the surface moves has no bound of its own.
 /// @param deviation_vox  as in `DecimateOptions`
 RemoveNeedlesResult remove_needles(MaterialSurfaces surfaces,
                                    double voxel_mm,
