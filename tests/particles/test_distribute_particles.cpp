@@ -353,6 +353,25 @@ TEST_CASE("distribute_particles: too many or too few particles are brought to th
   }
 }
 
+TEST_CASE("distribute_particles: sweeps end when particles are at rest, and more change nothing",
+          "[particles][unit]") {
+  const auto domain = ball(20, 40, [](const Vec3& p) { return 1.5 + 0.02 * p.x; });
+  const Sheets sheets(domain.view());
+  const auto context = silent_context();
+  const auto relaxed = distribute(domain);
+  CHECK(relaxed.stats.sweeps < 30);
+  // too few sweeps for one that deletes and splits
+  const auto again = distribute_particles(relaxed.particles, sheets, {.max_sweeps = 4}, context);
+  REQUIRE(again.particles.particles.size() == relaxed.particles.particles.size());
+  CHECK(again.stats.energy.back() > 0.998 * relaxed.stats.energy.back());
+  std::size_t moved = 0;
+  for (std::size_t i = 0; i < again.particles.particles.size(); ++i) {
+    const Particle& before = relaxed.particles.particles[i];
+    moved += distance(again.particles.particles[i].position, before.position) > 0.1 * before.h_mm;
+  }
+  CHECK(20 * moved < relaxed.particles.particles.size());
+}
+
 TEST_CASE("sizes_at_short_loops: room around a tube and a torus, spheres and discs untouched",
           "[particles][unit]") {
   const auto all_facets = [](const AnalyticDomain& domain) {

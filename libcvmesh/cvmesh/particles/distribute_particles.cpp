@@ -26,11 +26,12 @@ namespace energy = particle_energy;
 
 constexpr char kStage[] = "particle optimisation";
 constexpr double kListSlack = 1.25;      // neighbour lists reach farther than forces: they are kept
-constexpr int kSweepsPerList = 2;        //   for this many sweeps
+constexpr double kListTravel = 0.2;      //   until a particle is so many h from where it was
 constexpr int kSweepsPerControl = 3;     // between two rounds of splitting and deleting
 constexpr double kControlShare = 0.6;    // of the sweeps; the rest only relaxes
 constexpr double kOverRelaxation = 1.3;  // Newton steps of the radial part alone are too short
 constexpr double kLongestStep = 0.5;     // over h
+constexpr double kStill = 0.02;          // over h: a shorter step does not wake the neighbours
 constexpr int kStepTries = 4;            // each a third of the one before
 constexpr double kHole = 1.3;            // empty circle over that of the ideal triangle
 constexpr double kLeastRoom = 0.25;      // over h around a new one; twice that between two
@@ -43,8 +44,9 @@ constexpr double kCrowded = 1.75;    // energy over the ideal: delete [Meyer 200
 constexpr double kFirstRing = 1.5;   // over the nearest distance
 constexpr double kThinAbove = 1.25;  // seeds over the count that is wanted
 constexpr std::size_t kThinNeighbours = 24;
-constexpr double kConverged = 1e-3;  // relative change of a sheet's energy
-constexpr int kGuardRounds = 8;      // of adding particles to loops; two or three are usual
+constexpr double kConverged = 1e-3;     // relative change of a sheet's energy
+constexpr std::size_t kFewMoving = 20;  // or one particle in so many still moves
+constexpr int kGuardRounds = 8;         // of adding particles to loops; two or three are usual
 constexpr double kCurveClearanceVox = 0.1, kLeastDistanceVox = 1e-3;
 
 // The particles of one sheet; the rim comes first and does not move.
@@ -56,7 +58,11 @@ struct Cloud {
   std::vector<double> h;
   std::vector<std::int32_t> facet;
   std::vector<std::uint8_t> is_projected, is_guard;
+  // Whether the last visit moved a particle, or one beside it was deleted since. Only particles are
+  // looked at for which this holds, or for a neighbour.
+  std::vector<std::uint8_t> is_moving;
   std::vector<std::int32_t> first, neighbour;      // lists, ascending
+  std::vector<Vec3> listed_at;                     // where the particles were then
   std::vector<std::vector<std::int32_t>> classes;  // no two of a class are neighbours
   double last_energy = std::numeric_limits<double>::infinity();
   bool is_settled = false;
@@ -65,6 +71,10 @@ struct Cloud {
 
   [[nodiscard]] std::size_t free_count() const { return size() - rim_size; }
 
+  [[nodiscard]] std::size_t moving_count() const {
+    return static_cast<std::size_t>(std::count(is_moving.begin(), is_moving.end(), 1));
+  }
+
   void add(const SurfacePoint& p, bool guard) {
     position.push_back(p.position);
     normal.push_back(p.normal);
@@ -72,6 +82,7 @@ struct Cloud {
     facet.push_back(p.facet);
     is_projected.push_back(p.is_projected);
     is_guard.push_back(guard);
+    is_moving.push_back(1);
   }
 
   void set(std::size_t i, const SurfacePoint& p) {
@@ -83,6 +94,9 @@ struct Cloud {
   }
 
   void erase(const std::vector<bool>& is_deleted) {
+    for (std::size_t i = 0; i < size(); ++i)
+      for (auto k = first[i]; is_deleted[i] && k < first[i + 1]; ++k)
+        if (static_cast<std::size_t>(neighbour[k]) >= rim_size) is_moving[neighbour[k]] = 1;
     std::size_t kept = 0;
     for (std::size_t i = 0; i < size(); ++i) {
       if (is_deleted[i]) continue;
@@ -92,6 +106,7 @@ struct Cloud {
       facet[kept] = facet[i];
       is_projected[kept] = is_projected[i];
       is_guard[kept] = is_guard[i];
+      is_moving[kept] = is_moving[i];
       ++kept;
     }
     position.resize(kept);
@@ -100,6 +115,7 @@ struct Cloud {
     facet.resize(kept);
     is_projected.resize(kept);
     is_guard.resize(kept);
+    is_moving.resize(kept);
   }
 };
 
@@ -198,6 +214,16 @@ void colour(Cloud& c) {
 void rebuild(Cloud& c, bool is_thinning = false) {
   build_lists(c, is_thinning ? nearest_pairs(c) : pairs_within_reach(c));
   colour(c);
+  c.listed_at = c.position;
+}
+
+// Whether the lists may lack a pair that has come within reach [Verlet 1967].
+bool are_lists_old(const Cloud& c) {
+  if (c.listed_at.size() != c.size()) return true;
+  for (std::size_t i = c.rim_size; i < c.size(); ++i)
+    if (squared_norm(c.position[i] - c.listed_at[i]) > kListTravel * kListTravel * c.h[i] * c.h[i])
+      return true;
+  return false;
 }
 
 // ---- energy and moves -------------------------------------------------------------------------
@@ -260,7 +286,16 @@ Vec3 newton_step(const Cloud& c, std::size_t i) {
   return step;
 }
 
+bool is_awake(const Cloud& c, std::size_t i) {
+  if (c.is_moving[i] != 0) return true;
+  const auto is_moving = [&](std::int32_t j) { return c.is_moving[j] != 0; };
+  return std::any_of(c.neighbour.begin() + c.first[i], c.neighbour.begin() + c.first[i + 1],
+                     is_moving);
+}
+
 void relax(Cloud& c, std::size_t i, const Sheets& sheets) {
+  if (!is_awake(c, i)) return;
+  c.is_moving[i] = 0;
   Vec3 step = newton_step(c, i);
   if (!(norm(step) > 1e-4 * c.h[i])) return;
   const double before = energy_of(c, i);
@@ -269,6 +304,7 @@ void relax(Cloud& c, std::size_t i, const Sheets& sheets) {
     const SurfacePoint there = sheets.move(c.facet[i], c.position[i] + step);
     if (there.curve_distance < clearance) continue;
     if (energy_at(c, i, there.position, there.normal, c.h_scale * there.h_mm) >= before) continue;
+    c.is_moving[i] = distance(c.position[i], there.position) > kStill * c.h[i];
     c.set(i, there);
     return;
   }
@@ -423,6 +459,8 @@ std::size_t delete_coincident(Cloud& c) {
 
 struct Changes {
   std::size_t split = 0, deleted = 0;
+
+  [[nodiscard]] bool any() const { return split + deleted > 0; }
 };
 
 // Crowded particles move to gaps as long as there are both; then the count is made right.
@@ -508,6 +546,7 @@ std::vector<Cloud> gather(const std::vector<Particle>& particles,
     clouds[s].rim_size = rims[s].size();
     for (const RimParticle& r : rims[s])
       clouds[s].add(r.place, false);
+    clouds[s].is_moving.assign(clouds[s].rim_size, 0);
   }
   std::vector<std::size_t> guards(clouds.size(), 0);
   for (std::size_t i = frozen; i < particles.size(); ++i) {
@@ -658,9 +697,10 @@ DistributeParticlesResult distribute_particles(ParticleSet particles,
       sweep(c, sheets);
       const bool is_control = pass % kSweepsPerControl == 0 && pass <= last_control;
       if (is_control) changes[s] = control_population(c, sheets);
-      if (is_control || pass % kSweepsPerList == 0) rebuild(c);
+      if (changes[s].any() || are_lists_old(c)) rebuild(c);
       const double now = total_energy(c);
-      c.is_settled = pass > last_control && std::abs(now - c.last_energy) <= kConverged * now;
+      c.is_settled = pass > last_control && (std::abs(now - c.last_energy) <= kConverged * now ||
+                                             kFewMoving * c.moving_count() <= c.free_count());
       c.last_energy = now;
     });
     double energy_now = 0;
