@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/error.h"
 #include "cvmesh/mesh/validate.h"
 #include "cvmesh/surface/flip_edges.h"
 #include "cvmesh/surface/remove_needles.h"
@@ -7,6 +8,7 @@
 #include "support/phantoms.h"
 #include "surface/dense_phantoms.h"
 #include <algorithm>
+#include <atomic>
 
 using namespace cvmesh;
 
@@ -74,5 +76,18 @@ TEST_CASE("remove_needles: what has no needles stays as it is, curves and corner
     CHECK(freed.surfaces.vertex_count() + freed.stats.removed == vertices);
     if (poorest > 0.0128) CHECK(freed.stats.removed == 0);
     CHECK(poorest_quality(freed.surfaces.to_interface_mesh()) >= poorest);
+  }
+}
+
+TEST_CASE("remove_needles: a cancel ends it with a Limit error", "[surface][unit]") {
+  const InterfaceMesh mesh = fin(6);
+  const std::atomic<bool> cancel = true;
+  StageContext context = silent_context();
+  context.cancel = &cancel;
+  try {
+    remove_needles(MaterialSurfaces(mesh, 2), 1, 0.5, context);
+    FAIL("it went on");
+  } catch (const Error& error) {
+    CHECK(error.code() == ErrorCode::Limit);
   }
 }

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "tet/shapes.h"
 
+#include "cvmesh/mesh/validate.h"
+#include "cvmesh/tet/tetrahedralize.h"
+
+#include "support/catch.h"
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -185,6 +189,32 @@ SizingField sizing(const Vec3& hi, const std::function<double(const Vec3&)>& h) 
         field.volume_h_mm(i, j, k) =
             static_cast<float>(h(scaled_by({double(i), double(j), double(k)}, frame.spacing_mm)));
   return field;
+}
+
+TetMesh filled(const InterfaceMesh& surface) {
+  find_helper();
+  TetrahedralizeOptions options;
+  options.improvement_passes = 0;
+  return tetrahedralize(surface, 3, sizing({40, 40, 40}, [](const Vec3&) { return 4.0; }), options,
+                        silent_context())
+      .tets;
+}
+
+std::vector<double> volumes(const TetMesh& mesh) {
+  std::vector<double> sums(3, 0.0);
+  for (std::size_t t = 0; t < mesh.tets.size(); ++t) {
+    const auto& [a, b, c, d] = mesh.tets[t];
+    sums[mesh.material_of[t]] +=
+        volume6(mesh.points[a], mesh.points[b], mesh.points[c], mesh.points[d]) / 6;
+  }
+  return sums;
+}
+
+void require_valid(const TetMesh& mesh) {
+  REQUIRE(std::equal(mesh.surface.points.begin(), mesh.surface.points.end(), mesh.points.begin()));
+  const Validation validation = validate(mesh, 3);
+  INFO(validation.summary());
+  REQUIRE(validation.is_valid());
 }
 
 void find_helper() {

@@ -3,10 +3,12 @@
 
 #include "cvmesh/core/context.h"
 #include "cvmesh/mesh/interface_mesh.h"
+#include "cvmesh/mesh/tet_mesh.h"
 #include "cvmesh/sizing/sizing_field.h"
 
 #include <array>
 #include <functional>
+#include <vector>
 
 /// Closed surfaces with known volumes, made by subdivision, for the tests of the tet stage.
 namespace cvmesh::shapes {
@@ -33,6 +35,16 @@ double enclosed_volume(const InterfaceMesh& mesh, Sides sides);
 /// h given by a function on a grid of 33^3 nodes over [lo, hi], which must start at the origin of
 /// grid millimetres.
 SizingField sizing(const Vec3& hi, const std::function<double(const Vec3&)>& h);
+
+/// The tets that TetGen fills a surface of two materials with, inside (0, 0, 0) to (40, 40, 40),
+/// not improved.
+TetMesh filled(const InterfaceMesh& surface);
+
+/// Of the tets of the exterior (none) and of materials 1 and 2.
+std::vector<double> volumes(const TetMesh& mesh);
+
+/// Requires what `validate` asks of a mesh of two materials.
+void require_valid(const TetMesh& mesh);
 
 /// Points the library to the helper program unless the environment already does.
 void find_helper();

@@ -19,15 +19,6 @@ namespace {
 
 const Vec3 kCentre{20, 20, 20};
 
-TetMesh filled(const InterfaceMesh& surface) {
-  find_helper();
-  TetrahedralizeOptions options;
-  options.improvement_passes = 0;
-  return tetrahedralize(surface, 3, sizing({40, 40, 40}, [](const Vec3&) { return 4.0; }), options,
-                        silent_context())
-      .tets;
-}
-
 // Along two edges three patches meet, and along eight two.
 InterfaceMesh two_boxes() {
   return join(box({5, 5, 5}, {15, 15, 15}, 3, {1, 0}), box({15, 5, 5}, {25, 15, 15}, 3, {2, 0}));
@@ -37,28 +28,11 @@ InterfaceMesh thin_wall(double gap, int levels) {
   return join(sphere(kCentre, 15, levels, {1, 0}), sphere(kCentre, 15 - gap, levels, {2, 1}));
 }
 
-std::vector<double> volumes(const TetMesh& mesh) {
-  std::vector<double> sums(3, 0.0);
-  for (std::size_t t = 0; t < mesh.tets.size(); ++t) {
-    const auto& [a, b, c, d] = mesh.tets[t];
-    sums[mesh.material_of[t]] +=
-        volume6(mesh.points[a], mesh.points[b], mesh.points[c], mesh.points[d]) / 6;
-  }
-  return sums;
-}
-
 double area(const InterfaceMesh& surface) {
   double sum = 0;
   for (const auto& [a, b, c] : surface.facets)
     sum += norm(area_vector2(surface.points[a], surface.points[b], surface.points[c])) / 2;
   return sum;
-}
-
-void require_valid(const TetMesh& mesh) {
-  REQUIRE(std::equal(mesh.surface.points.begin(), mesh.surface.points.end(), mesh.points.begin()));
-  const Validation validation = validate(mesh, 3);
-  INFO(validation.summary());
-  REQUIRE(validation.is_valid());
 }
 
 }  // namespace
@@ -71,7 +45,7 @@ TEST_CASE("split_surface_edges: space, surface and conformity stay, on curves to
     std::vector<std::int32_t> wanted;
     for (std::size_t t = 0; t < mesh.tets.size(); t += 7)
       wanted.push_back(static_cast<std::int32_t>(t));
-    const std::vector<std::int32_t> touched = split_surface_edges(mesh, wanted, 0, 100000);
+    const std::vector<std::int32_t> touched = split_surface_edges(mesh, wanted, {}, 0, 100000);
     const std::size_t old_count = before.surface.points.size();
     const std::size_t splits = mesh.surface.points.size() - old_count;
     REQUIRE(splits > 10);
@@ -98,10 +72,10 @@ TEST_CASE("split_surface_edges: no more than asked for, the first tets first, no
   for (std::size_t t = 0; t < all.size(); ++t)
     all[t] = static_cast<std::int32_t>(t);
   TetMesh mesh = start;
-  split_surface_edges(mesh, all, 0, 3);
+  split_surface_edges(mesh, all, {}, 0, 3);
   CHECK(mesh.surface.points.size() == start.surface.points.size() + 3);
   TetMesh untouched = start;
-  CHECK(split_surface_edges(untouched, all, 1000, 3).empty());
+  CHECK(split_surface_edges(untouched, all, {}, 1000, 3).empty());
   CHECK(untouched.points == start.points);
   CHECK(untouched.tets == start.tets);
   CHECK(untouched.surface.facets == start.surface.facets);

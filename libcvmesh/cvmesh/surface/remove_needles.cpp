@@ -62,6 +62,7 @@ RemoveNeedlesResult remove_needles(MaterialSurfaces surfaces,
     for (double below = kFlattest; below <= kLeastFlat; below *= 2) {
       // again while some go: their neighbours may have become blunt corners
       for (std::size_t gone = 1; gone > 0; result.stats.removed += gone) {
+        report_progress(context, "edge flipping", 1);
         gone = 0;
         remover.try_each(find_blunt_corners(surfaces, below),
                          {below, kMinNormalCosine, kMinFoldCosine},

@@ -25,6 +25,7 @@ struct RemoveNeedlesResult {
 /// made the vertex go. The vertex that goes lies at most a needle's width from one that stays, or
 /// from the side of a cap; how far the surface moves has no bound of its own.
 /// @param deviation_vox  as in `DecimateOptions`
+/// @throws Error Limit when cancelled
 RemoveNeedlesResult remove_needles(MaterialSurfaces surfaces,
                                    double voxel_mm,
                                    double deviation_vox,

@@ -47,7 +47,7 @@ ImproveTetsStats improve_tets(TetMesh& mesh,
                        stats.insertion_tries - tries_then);
     if (may_insert && (flips + moves + inserted) * kQuietPass < improver.slot_count()) break;
   }
-  improver.open_gaps(home, options.max_vertex_shift_mm, stats);
+  improver.open_gaps(home, {}, options.max_vertex_shift_mm, stats);
   stats.after = improver.measure();
   improver.close();
   if (stats.after.poor == 0 || !(options.max_splits_per_vertex > 0)) return stats;

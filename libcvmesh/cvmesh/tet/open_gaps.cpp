@@ -43,8 +43,21 @@ bool holds(const OpenTets::Face& facet, std::int32_t v) {
 
 }  // namespace
 
+std::pair<std::size_t, double> shifts_from(const std::vector<Vec3>& home,
+                                           const InterfaceMesh& surface) {
+  std::size_t count = 0;
+  double longest = 0;
+  for (std::size_t v = 0; v < home.size(); ++v) {
+    const double way = distance(home[v], surface.points[v]);
+    if (way > 0) ++count;
+    longest = std::max(longest, way);
+  }
+  return {count, longest};
+}
+
 GapOpener::GapOpener(OpenTets& tets,
                      std::vector<Vec3> home,
+                     const std::vector<bool>& is_frozen,
                      double max_shift_mm,
                      double enough_sine,
                      std::size_t most_tries)
@@ -59,6 +72,8 @@ GapOpener::GapOpener(OpenTets& tets,
     if (const std::size_t wall = surface.patch_of[f].wall; wall != 0)
       for (const std::int32_t v : surface.facets[f])
         is_fixed_[at(v)][(wall - 1) / 2] = true;
+  for (std::size_t v = 0; v < is_frozen.size(); ++v)
+    if (is_frozen[v]) is_fixed_[v] = {true, true, true};
 }
 
 std::size_t GapOpener::open(double share) {
@@ -363,17 +378,6 @@ void GapOpener::move(const Star& star, const Vec3& p) {
     outer_->remove(f);
     outer_->insert(f, box_of(points_, tets_.surface().facets[at(f)]));
   }
-}
-
-std::pair<std::size_t, double> GapOpener::shifts() const {
-  std::size_t count = 0;
-  double longest = 0;
-  for (std::size_t v = 0; v < home_.size(); ++v) {
-    const double way = distance(home_[v], tets_.surface().points[v]);
-    if (way > 0) ++count;
-    longest = std::max(longest, way);
-  }
-  return {count, longest};
 }
 
 }  // namespace cvmesh

@@ -13,6 +13,10 @@
 
 namespace cvmesh {
 
+/// Vertices of a surface that are not where they were at first, and the longest way of one.
+std::pair<std::size_t, double> shifts_from(const std::vector<Vec3>& home,
+                                           const InterfaceMesh& surface);
+
 /// Moves vertices of the surface by a little, where it presses tets flat.
 ///
 /// Between two sheets that nearly touch, and in caps of three facets, tets have all corners on the
@@ -29,9 +33,11 @@ class GapOpener {
  public:
   /// @param tets        is referred to
   /// @param home        where the surface's vertices were at first
+  /// @param is_frozen   those of them that stay; the first ones, others do not
   /// @param most_tries  of vertices, those of the poorest tets first
   GapOpener(OpenTets& tets,
             std::vector<Vec3> home,
+            const std::vector<bool>& is_frozen,
             double max_shift_mm,
             double enough_sine,
             std::size_t most_tries);
@@ -39,9 +45,6 @@ class GapOpener {
   /// Rounds of moves until none helps, by at most a share of `max_shift_mm`; returns how many moves
   /// there were. A short reach first lets neighbours share what has to be done.
   std::size_t open(double share);
-
-  /// Vertices of the surface that are not where they were, and the longest way.
-  [[nodiscard]] std::pair<std::size_t, double> shifts() const;
 
  private:
   using Tet = OpenTets::Tet;

@@ -3,8 +3,10 @@
 
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/mesh/neighbour_tree.h"
+#include "cvmesh/tet/open_gaps.h"
 #include "cvmesh/tet/split_surface_edges.h"
 #include "cvmesh/tet/tet_improver.h"
+#include "cvmesh/tet/tet_part.h"
 
 #include <spdlog/spdlog.h>
 
@@ -14,6 +16,7 @@
 #include <cstdint>
 #include <numbers>
 #include <optional>
+#include <tuple>
 #include <utility>
 
 namespace cvmesh {
@@ -24,6 +27,11 @@ constexpr double kDegree = std::numbers::pi / 180;
 /// Rounds of splits. Some in a row may be in vain: what one leaves poor, the next may mend (femur
 /// at 21,393 vertices: 10 poor tets with none in vain, 6 with three, 0 with five).
 constexpr int kMostRounds = 24, kMostInVain = 5;
+
+/// Rings of vertices around the poor tets that take part: what is done reaches four or five.
+constexpr int kRings = 8;
+/// Vertices of the surface keep away from facets that are so near, over the longest way of one.
+constexpr double kReachOverShift = 2.1;
 
 std::size_t at(std::int32_t index) {
   return static_cast<std::size_t>(index);
@@ -52,10 +60,10 @@ std::vector<std::int32_t> find_poor_tets(const TetMesh& mesh, double& lack) {
   return poor;
 }
 
-/// A mesh whose surface may be refined where tets stay poor, with what was done to it.
+/// A part of a mesh whose surface may be refined where tets stay poor, with what was done to it.
 struct Refined {
   TetMesh mesh;
-  std::vector<Vec3> home;  ///< where the surface's vertices were at first
+  std::vector<Vec3> home;  ///< where the part's surface's vertices were at first
   ImproveTetsStats stats;
   std::vector<std::int32_t> poor{};  ///< tets
   double lack = 0;                   ///< of them
@@ -72,13 +80,14 @@ struct Refined {
 /// edge can be split.
 std::optional<Refined> split_and_improve(Refined refined,
                                          const std::vector<std::int32_t>& wanted,
+                                         const std::vector<bool>& is_frozen,
                                          std::size_t most,
                                          const ImproveTetsOptions& options,
                                          const StageContext& context) {
   constexpr int kPasses = 3;
   auto& [mesh, home, stats, poor, lack] = refined;
   const std::vector<std::int32_t> touched =
-      split_surface_edges(mesh, wanted, options.min_split_edge_mm, most);
+      split_surface_edges(mesh, wanted, is_frozen, options.min_split_edge_mm, most);
   if (touched.empty()) return std::nullopt;
   stats.edge_splits += mesh.surface.points.size() - home.size();
   home.insert(home.end(), mesh.surface.points.begin() + static_cast<std::ptrdiff_t>(home.size()),
@@ -94,7 +103,7 @@ std::optional<Refined> split_and_improve(Refined refined,
     improver.insert(stats);
   }
   improver.mend(stats);
-  improver.open_gaps(home, options.max_vertex_shift_mm, stats);
+  improver.open_gaps(home, is_frozen, options.max_vertex_shift_mm, stats);
   stats.insertions += insertions;
   stats.insertion_tries += insertion_tries;
   stats.after = improver.measure();
@@ -142,13 +151,19 @@ void refine_surface(TetMesh& mesh,
                     const ImproveTetsOptions& options,
                     const StageContext& context,
                     ImproveTetsStats& stats) {
-  Refined refined{std::move(mesh), home, stats};
-  const auto most = static_cast<std::size_t>(options.max_splits_per_vertex *
-                                             static_cast<double>(refined.home.size()));
+  const auto most =
+      static_cast<std::size_t>(options.max_splits_per_vertex * static_cast<double>(home.size()));
+  double lack = 0;
+  const std::vector<std::int32_t> poor = find_poor_tets(mesh, lack);
+  TetPart part(mesh, poor, kRings, kReachOverShift * options.max_vertex_shift_mm);
+  std::vector<Vec3> home_of_part = part.of_surface(home);
+  Refined refined{std::move(part.mesh), std::move(home_of_part), stats};
   refined.poor = find_poor_tets(refined.mesh, refined.lack);
+  context.log->debug("{}: {} of {} tets are around {} poor ones", kStage, refined.mesh.tets.size(),
+                     mesh.tets.size(), poor.size());
   const auto attempt = [&](const std::vector<std::int32_t>& wanted) {
-    auto tried =
-        split_and_improve(refined, wanted, most - refined.stats.edge_splits, options, context);
+    auto tried = split_and_improve(refined, wanted, part.is_frozen,
+                                   most - refined.stats.edge_splits, options, context);
     if (tried)
       context.log->debug(
           "{}: {} edges of the surface split, {} poor tets instead of {}, lacking {:.3g} instead "
@@ -177,8 +192,17 @@ void refine_surface(TetMesh& mesh,
     refined = std::move(*tried);
   }
   if (best) refined = std::move(*best);
-  mesh = std::move(refined.mesh);
   stats = refined.stats;
+  part.mesh = std::move(refined.mesh);
+  part.put_back(mesh);
+  std::vector<Vec3> homes = home;
+  homes.insert(homes.end(),
+               refined.home.begin() + static_cast<std::ptrdiff_t>(part.is_frozen.size()),
+               refined.home.end());
+  std::tie(stats.shifted_vertices, stats.max_vertex_shift_mm) = shifts_from(homes, mesh.surface);
+  OpenTets tets(mesh);
+  stats.after = measure_dihedral_angles(tets);
+  tets.close();
 }
 
 }  // namespace cvmesh

@@ -10,12 +10,15 @@ namespace cvmesh {
 
 /// Splits edges of the surface at tets that `improve_tets` left poor, and improves what is around
 /// them, in rounds. A round that does not help on the whole is made once more only where it does;
-/// if that is no better either, up to three more rounds go on from it. What counts is the state in
-/// which the tets lack least. Holds up to four copies of the mesh.
+/// if that is no better either, up to five more rounds go on from it. What counts is the state in
+/// which the tets lack least.
+///
+/// Only a part of the mesh takes part, eight rings of vertices around the poor tets (`TetPart`): a
+/// round costs what is around them, not what the mesh is. Holds up to four copies of that part.
 ///
 /// @param home   where the surface's vertices were at first
 /// @param stats  of the improvement before; what is done here is added to it
-/// @throws Error Limit when `context.cancel` is set; `mesh` is lost then
+/// @throws Error Limit when `context.cancel` is set; `mesh` is as it was then
 void refine_surface(TetMesh& mesh,
                     const std::vector<Vec3>& home,
                     const ImproveTetsOptions& options,

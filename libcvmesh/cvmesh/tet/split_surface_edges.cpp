@@ -43,8 +43,11 @@ Simplex with(Simplex simplex, std::int32_t corner, std::int32_t other) {
 
 class EdgeSplitter {
  public:
-  EdgeSplitter(TetMesh& mesh, std::span<const std::int32_t> tets, double least_mm)
-      : mesh_(mesh), is_near_(mesh.points.size(), false) {
+  EdgeSplitter(TetMesh& mesh,
+               std::span<const std::int32_t> tets,
+               const std::vector<bool>& is_frozen,
+               double least_mm)
+      : mesh_(mesh), is_frozen_(is_frozen), is_near_(mesh.points.size(), false) {
     for (const auto t : tets)
       for (const auto v : mesh.tets[at(t)])
         is_near_[at(v)] = true;
@@ -68,13 +71,18 @@ class EdgeSplitter {
   }
 
  private:
+  [[nodiscard]] bool is_frozen(std::int32_t v) const {
+    return at(v) < is_frozen_.size() && is_frozen_[at(v)];
+  }
+
   // Those of which both ends belong to the wanted tets.
   [[nodiscard]] std::vector<Edge> find_surface_edges() const {
     std::vector<Edge> edges;
     for (const auto& facet : mesh_.surface.facets)
       for (std::size_t k = 0; k < 3; ++k) {
         const auto a = facet[k], b = facet[(k + 1) % 3];
-        if (is_near_[at(a)] && is_near_[at(b)]) edges.push_back(edge_of(a, b));
+        if (is_near_[at(a)] && is_near_[at(b)] && !(is_frozen(a) && is_frozen(b)))
+          edges.push_back(edge_of(a, b));
       }
     sort_and_unite(edges);
     return edges;
@@ -174,6 +182,7 @@ class EdgeSplitter {
   }
 
   TetMesh& mesh_;
+  const std::vector<bool>& is_frozen_;
   std::vector<bool> is_near_;      // vertices of the wanted tets; by their old numbers
   std::vector<Edge> wanted_;       // one of each of these tets, in their order
   std::vector<Edge> candidates_;   // the same, sorted, each once
@@ -186,9 +195,10 @@ class EdgeSplitter {
 
 std::vector<std::int32_t> split_surface_edges(TetMesh& mesh,
                                               std::span<const std::int32_t> tets,
+                                              const std::vector<bool>& is_frozen,
                                               double least_mm,
                                               std::size_t most) {
-  return EdgeSplitter(mesh, tets, least_mm).split(most);
+  return EdgeSplitter(mesh, tets, is_frozen, least_mm).split(most);
 }
 
 }  // namespace cvmesh

@@ -119,11 +119,12 @@ void TetImprover::shed(double max_shift, ImproveTetsStats& stats) {
 }
 
 void TetImprover::open_gaps(const std::vector<Vec3>& home,
+                            const std::vector<bool>& is_frozen,
                             double max_shift,
                             ImproveTetsStats& stats) {
   if (!(max_shift > 0)) return;
   const double poor = std::sin(kOpenGapsBelowDeg * kDegree);
-  GapOpener gaps(tets_, home, max_shift, poor, most_tries_);
+  GapOpener gaps(tets_, home, is_frozen, max_shift, poor, most_tries_);
   for (const double share : {0.25, 0.5, 1.0, 1.0}) {
     if (gaps.open(share) == 0) continue;
     mend(stats);
@@ -131,7 +132,7 @@ void TetImprover::open_gaps(const std::vector<Vec3>& home,
     failures_.clear();  // there is room where there was none
     insert(poor, stats);
   }
-  std::tie(stats.shifted_vertices, stats.max_vertex_shift_mm) = gaps.shifts();
+  std::tie(stats.shifted_vertices, stats.max_vertex_shift_mm) = shifts_from(home, tets_.surface());
 }
 
 std::size_t TetImprover::share_of_vertices(double share) const {

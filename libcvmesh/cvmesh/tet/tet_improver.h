@@ -57,8 +57,12 @@ class TetImprover {
   void insert(ImproveTetsStats& stats) { insert(insert_below_, stats); }
 
   /// Moves vertices of the surface where it presses tets flat, with flips for what they allow.
-  /// @param home  where these vertices were at first
-  void open_gaps(const std::vector<Vec3>& home, double max_shift, ImproveTetsStats& stats);
+  /// @param home       where these vertices were at first
+  /// @param is_frozen  those that stay; the first ones, others do not
+  void open_gaps(const std::vector<Vec3>& home,
+                 const std::vector<bool>& is_frozen,
+                 double max_shift,
+                 ImproveTetsStats& stats);
 
  private:
   using Tet = OpenTets::Tet;
