@@ -28,8 +28,8 @@ constexpr double kDegree = std::numbers::pi / 180;
 /// at 21,393 vertices: 10 poor tets with none in vain, 6 with three, 0 with five).
 constexpr int kMostRounds = 24, kMostInVain = 5;
 
-/// Rings of vertices around the poor tets that take part. With eight the tets of a femur and a torso
-/// are the same as if all took part, with four they are not.
+/// Rings of vertices around the poor tets that take part. With eight the tets of a femur and a
+/// torso are the same as if all took part, with four they are not.
 constexpr int kRings = 8;
 /// Vertices of the surface keep away from facets that are so near, over the longest way of one.
 constexpr double kReachOverShift = 2.1;
