@@ -200,6 +200,30 @@ TetMesh filled(const InterfaceMesh& surface) {
       .tets;
 }
 
+TetMesh thin_wall() {
+  const Vec3 centre{20, 20, 20};
+  return filled(join(sphere(centre, 15, 3, {1, 0}), sphere(centre, 13.5, 3, {2, 1})));
+}
+
+std::vector<std::pair<std::array<Vec3, 4>, MaterialId>> places(const TetMesh& mesh) {
+  const auto is_less = [](const Vec3& a, const Vec3& b) {
+    return std::array{a.x, a.y, a.z} < std::array{b.x, b.y, b.z};
+  };
+  std::vector<std::pair<std::array<Vec3, 4>, MaterialId>> result;
+  for (std::size_t t = 0; t < mesh.tets.size(); ++t) {
+    std::array<Vec3, 4> corners;
+    for (std::size_t k = 0; k < 4; ++k)
+      corners[k] = mesh.points[static_cast<std::size_t>(mesh.tets[t][k])];
+    std::sort(corners.begin(), corners.end(), is_less);
+    result.emplace_back(corners, mesh.material_of[t]);
+  }
+  std::sort(result.begin(), result.end(), [&](const auto& a, const auto& b) {
+    return std::lexicographical_compare(a.first.begin(), a.first.end(), b.first.begin(),
+                                        b.first.end(), is_less);
+  });
+  return result;
+}
+
 std::vector<double> volumes(const TetMesh& mesh) {
   std::vector<double> sums(3, 0.0);
   for (std::size_t t = 0; t < mesh.tets.size(); ++t) {

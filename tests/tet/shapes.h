@@ -8,6 +8,7 @@
 
 #include <array>
 #include <functional>
+#include <utility>
 #include <vector>
 
 /// Closed surfaces with known volumes, made by subdivision, for the tests of the tet stage.
@@ -39,6 +40,14 @@ SizingField sizing(const Vec3& hi, const std::function<double(const Vec3&)>& h);
 /// The tets that TetGen fills a surface of two materials with, inside (0, 0, 0) to (40, 40, 40),
 /// not improved.
 TetMesh filled(const InterfaceMesh& surface);
+
+/// Such tets of two spheres, one a little smaller than the other: the material between them is
+/// thinner than its facets are long.
+TetMesh thin_wall();
+
+/// Every tet by the places of its corners, whatever their numbers are, and its material; in an
+/// order that depends on these alone.
+std::vector<std::pair<std::array<Vec3, 4>, MaterialId>> places(const TetMesh& mesh);
 
 /// Of the tets of the exterior (none) and of materials 1 and 2.
 std::vector<double> volumes(const TetMesh& mesh);

@@ -607,16 +607,51 @@ TEST_CASE("improve_tets: no pass changes nothing", "[tet][unit]") {
   CHECK(mesh.points == before.points);
 }
 
+TEST_CASE(
+    "improve_tets: in parts the tets become as good as in one piece, and so they do on the cuts",
+    "[tet][property]") {
+  const TetMesh start =
+      unimproved(join(sphere(kCentre, 15, 3, {1, 0}), sphere(kCentre, 14.2, 3, {2, 1})), 3, 2);
+  const auto mean_quality = [](const TetMesh& mesh) {
+    double sum = 0;
+    for (const auto& [a, b, c, d] : mesh.tets)
+      sum +=
+          score_tet(mesh.points[at(a)], mesh.points[at(b)], mesh.points[at(c)], mesh.points[at(d)])
+              .radius_ratio;
+    return sum / static_cast<double>(mesh.tets.size());
+  };
+  ImproveTetsOptions options;
+  options.max_surface_shift_mm = 0.1;
+  options.max_vertex_shift_mm = 0.1;
+  TetMesh whole = start;
+  const ImproveTetsStats in_one = improve_tets(whole, options, silent_context());
+  options.most_tets_of_part = start.tets.size() / 10;
+  TetMesh joined = start;
+  const ImproveTetsStats in_parts = improve_tets(joined, options, silent_context());
+  const Validation validation = validate(joined, 3);
+  INFO(validation.summary());
+  CHECK(validation.is_valid());
+  CHECK(joined.tets != whole.tets);
+  CHECK(in_parts.before.min_deg == in_one.before.min_deg);
+  CHECK(in_parts.after.min_deg > 0.9 * in_one.after.min_deg);
+  CHECK(mean_quality(joined) > mean_quality(whole) - 0.01);
+  CHECK(in_parts.moves + in_parts.edge_removals > (in_one.moves + in_one.edge_removals) / 2);
+}
+
 TEST_CASE("improve_tets: equal input gives equal tets at any number of threads",
           "[tet][determinism]") {
   const TetMesh start = unimproved(sphere(kCentre, 15, 3, {1, 0}), 2, 3);
-  TetMesh first = start;
-  improve_tets(first, {}, silent_context());
-  for (const std::size_t threads : {1U, 3U, 8U}) {
-    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    TetMesh second = start;
-    improve_tets(second, {}, silent_context());
-    CHECK(first.tets == second.tets);
-    CHECK(first.points == second.points);
+  ImproveTetsOptions options;
+  for (const std::size_t parts : {1U, 12U}) {
+    options.most_tets_of_part = start.tets.size() / parts;
+    TetMesh first = start;
+    improve_tets(first, options, silent_context());
+    for (const std::size_t threads : {1U, 3U, 8U}) {
+      const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+      TetMesh second = start;
+      improve_tets(second, options, silent_context());
+      CHECK(first.tets == second.tets);
+      CHECK(first.points == second.points);
+    }
   }
 }

@@ -6,43 +6,11 @@
 #include "support/catch.h"
 #include "tet/shapes.h"
 #include <algorithm>
-#include <array>
 #include <cstdint>
-#include <utility>
 #include <vector>
 
 using namespace cvmesh;
 using namespace cvmesh::shapes;
-
-namespace {
-
-// Two materials, thinner than their facets are long.
-TetMesh thin_wall() {
-  const Vec3 centre{20, 20, 20};
-  return filled(join(sphere(centre, 15, 3, {1, 0}), sphere(centre, 13.5, 3, {2, 1})));
-}
-
-// Every tet by the places of its corners, whatever their numbers are.
-std::vector<std::pair<std::array<Vec3, 4>, MaterialId>> places(const TetMesh& mesh) {
-  const auto is_less = [](const Vec3& a, const Vec3& b) {
-    return std::array{a.x, a.y, a.z} < std::array{b.x, b.y, b.z};
-  };
-  std::vector<std::pair<std::array<Vec3, 4>, MaterialId>> result;
-  for (std::size_t t = 0; t < mesh.tets.size(); ++t) {
-    std::array<Vec3, 4> corners;
-    for (std::size_t k = 0; k < 4; ++k)
-      corners[k] = mesh.points[static_cast<std::size_t>(mesh.tets[t][k])];
-    std::sort(corners.begin(), corners.end(), is_less);
-    result.emplace_back(corners, mesh.material_of[t]);
-  }
-  std::sort(result.begin(), result.end(), [&](const auto& a, const auto& b) {
-    return std::lexicographical_compare(a.first.begin(), a.first.end(), b.first.begin(),
-                                        b.first.end(), is_less);
-  });
-  return result;
-}
-
-}  // namespace
 
 TEST_CASE("TetPart: put back untouched, the mesh is what it was", "[tet][property]") {
   const TetMesh whole = thin_wall();

@@ -50,6 +50,8 @@ struct ImproveTetsOptions {
   /// always allowed. Sparse surfaces of thin parts ask for up to 0.34 a vertex, pure noise for 2.
   double max_insertion_tries_per_vertex = 0.4;
   std::size_t few_insertion_tries = 20000;
+  /// Larger meshes are cut into parts of at most so many tets, which are improved at the same time.
+  std::size_t most_tets_of_part = 300'000;
 };
 
 struct ImproveTetsStats {

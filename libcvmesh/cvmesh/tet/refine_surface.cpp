@@ -93,10 +93,8 @@ std::optional<Refined> split_and_improve(Refined refined,
   stats.edge_splits += mesh.surface.points.size() - home.size();
   home.insert(home.end(), mesh.surface.points.begin() + static_cast<std::ptrdiff_t>(home.size()),
               mesh.surface.points.end());
-  const std::size_t insertions = stats.insertions, insertion_tries = stats.insertion_tries;
-  stats.insertions = stats.insertion_tries = 0;  // the bounds on them are those of one round
   TetImprover improver(mesh, options, context);
-  improver.look_only_at(touched);
+  improver.look_only_at(touched, options.few_insertion_tries);
   for (int pass = 0; pass < kPasses; ++pass) {
     improver.mend(stats);
     improver.flip(stats);
@@ -105,8 +103,6 @@ std::optional<Refined> split_and_improve(Refined refined,
   }
   improver.mend(stats);
   improver.open_gaps(home, is_frozen, options.max_vertex_shift_mm, stats);
-  stats.insertions += insertions;
-  stats.insertion_tries += insertion_tries;
   stats.after = improver.measure();
   improver.close();
   poor = find_poor_tets(mesh, lack);

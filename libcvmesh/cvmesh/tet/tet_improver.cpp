@@ -47,14 +47,16 @@ TetImprover::TetImprover(TetMesh& mesh,
       changes_(tets_, goal_),
       moves_(tets_, goal_),
       insert_below_(std::sin(options.insert_below_deg * kDegree)),
-      most_insertions_(share_of_vertices(options.max_insertions_per_vertex)),
       most_tries_(std::max(options.few_insertion_tries,
-                           share_of_vertices(options.max_insertion_tries_per_vertex))) {
+                           share_of_vertices(options.max_insertion_tries_per_vertex))),
+      insertions_left_(share_of_vertices(options.max_insertions_per_vertex)),
+      insertion_tries_left_(most_tries_) {
   tried_vertex_.assign(tets_.point_count(), 0);
   tried_tet_.assign(tets_.slot_count(), 0);
 }
 
-void TetImprover::look_only_at(const std::vector<std::int32_t>& vertices) {
+void TetImprover::look_only_at(const std::vector<std::int32_t>& vertices,
+                               std::size_t most_insertion_tries) {
   tried_vertex_.assign(tets_.point_count(), tets_.now());
   for (const std::int32_t v : vertices)
     tried_vertex_[at(v)] = 0;
@@ -64,6 +66,7 @@ void TetImprover::look_only_at(const std::vector<std::int32_t>& vertices) {
       if (tried_vertex_[at(v)] == 0) tried_tet_[t] = 0;
   tried_insertion_ = tried_tet_;
   last_flip_ = tets_.now();
+  insertion_tries_left_ = std::min(insertion_tries_left_, most_insertion_tries);
 }
 
 void TetImprover::mend(ImproveTetsStats& stats) {
@@ -110,12 +113,18 @@ std::size_t TetImprover::smooth() {
   return count;
 }
 
-void TetImprover::shed(double max_shift, ImproveTetsStats& stats) {
+void TetImprover::shed(double max_shift,
+                       const std::vector<bool>& is_frozen,
+                       ImproveTetsStats& stats) {
   if (!(max_shift > 0)) return;
+  const auto stays = [&](std::int32_t v) { return at(v) < is_frozen.size() && is_frozen[at(v)]; };
   tets_.find_tets_at_facets();
-  for (const std::int32_t t : poor_tets(goal_.comfort()))
+  for (const std::int32_t t : poor_tets(goal_.comfort())) {
+    const Tet tet = tets_.tet(t);
+    if (std::any_of(tet.begin(), tet.end(), stays)) continue;
     for (std::size_t e = 0; e < 6 && !tets_.is_removed(t); ++e)
       if (shed_at(t, e, max_shift, stats)) break;
+  }
 }
 
 void TetImprover::open_gaps(const std::vector<Vec3>& home,
@@ -141,7 +150,7 @@ std::size_t TetImprover::share_of_vertices(double share) const {
 
 void TetImprover::insert(double below, ImproveTetsStats& stats) {
   for (const std::int32_t t : poor_tets(below)) {
-    if (stats.insertions >= most_insertions_ || stats.insertion_tries >= most_tries_) break;
+    if (insertions_left_ == 0 || insertion_tries_left_ == 0) break;
     if (!is_open(t, below, tried_insertion_)) continue;
     // A tet that has stayed in place through some tries is bound by the surface around it.
     if (at(t) >= failures_.size()) failures_.resize(tets_.slot_count());
@@ -150,10 +159,13 @@ void TetImprover::insert(double below, ImproveTetsStats& stats) {
     if (failures.count >= kMostTries) continue;
     const bool is_inserted = insert_into(t, stats);
     ++stats.insertion_tries;
-    if (is_inserted)
+    --insertion_tries_left_;
+    if (is_inserted) {
       ++stats.insertions;
-    else
+      --insertions_left_;
+    } else {
       ++failures.count;
+    }
   }
 }
 

@@ -34,8 +34,9 @@ class TetImprover {
   /// Writes the mesh back; the last call.
   void close() { tets_.close(); }
 
-  /// Leaves alone what has none of these vertices, until something there changes.
-  void look_only_at(const std::vector<std::int32_t>& vertices);
+  /// Leaves alone what has none of these vertices, until something there changes, and tries new
+  /// vertices in at most so many tets. To be called before the first round.
+  void look_only_at(const std::vector<std::int32_t>& vertices, std::size_t most_insertion_tries);
 
   /// One round of changes for tets with a poor angle, worst first.
   void mend(ImproveTetsStats& stats);
@@ -51,7 +52,8 @@ class TetImprover {
 
   /// One round of flips of surface edges whose two facets, nearly in one plane, bound a flat tet:
   /// the tet goes over to the other side, where it must vanish in an edge removal.
-  void shed(double max_shift, ImproveTetsStats& stats);
+  /// @param is_frozen  vertices of the surface that stay out of it; the first ones, others do not
+  void shed(double max_shift, const std::vector<bool>& is_frozen, ImproveTetsStats& stats);
 
   /// One round of new vertices in tets that neither flips nor moves could help, worst first.
   void insert(ImproveTetsStats& stats) { insert(insert_below_, stats); }
@@ -95,7 +97,8 @@ class TetImprover {
   ChangeFinder changes_;
   MoveFinder moves_;
   const double insert_below_;
-  const std::size_t most_insertions_, most_tries_;
+  const std::size_t most_tries_;
+  std::size_t insertions_left_, insertion_tries_left_;
   std::vector<std::uint64_t> tried_vertex_, tried_tet_, tried_insertion_;
   std::vector<Failures> failures_;
   std::uint64_t last_flip_ = 0;  ///< time of the last round of flips
