@@ -66,8 +66,9 @@ struct ImproveTetsStats {
 };
 
 /// Improves `mesh` in place and says what was done. Edge removals and moves are proposed in
-/// parallel and carried out in order: the same bytes at any number of threads. About 4 microseconds
-/// per tet and pass on two cores, 200 bytes per tet.
+/// parallel and carried out in order, and large meshes are improved in parts at the same time, then
+/// on the cuts: the same bytes at any number of threads. About 4 microseconds per tet and pass on
+/// two cores, 200 bytes per tet.
 ///
 /// @throws Error Limit when `context.cancel` is set
 ImproveTetsStats improve_tets(TetMesh& mesh,
