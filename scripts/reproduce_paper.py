@@ -123,16 +123,16 @@ def stem(path):
 class Runner:
     """Meshes, and remembers what failed; a report that is there already is read."""
 
-    def __init__(self, cvmesh, folder):
-        self.cvmesh, self.folder, self.failed = cvmesh.resolve(), folder, []
+    def __init__(self, cvmesh, folder, options=("--formats", "vtu,mesh")):
+        self.cvmesh, self.folder, self.options, self.failed = cvmesh.resolve(), folder, options, []
 
     def report(self, volume, settings):
         name = " ".join([volume.name] + settings)
-        out = self.folder / "_".join([stem(volume)] + settings).replace("=", "")
+        out = self.folder / "_".join([stem(volume)] + settings).replace("=", "").replace('"', "")
         path = out / f"{stem(volume)}.metrics.json"
         if not path.exists():
             command = [str(self.cvmesh), "mesh", str(volume), "--out", str(out), "--quiet", "--force",
-                       "--formats", "vtu,mesh", "--set", f"r={R}"]
+                       *self.options, "--set", f"r={R}"]
             for setting in settings:
                 command += ["--set", setting]
             print(f"{name} ...", file=sys.stderr, flush=True)
