@@ -61,6 +61,8 @@ std::vector<std::int32_t> improve_parts(TetMesh& mesh,
                                         ImproveTetsStats& stats) {
   TetPartition partition(mesh, options.most_tets_of_part);
   std::vector<ImproveTetsStats> stats_of(partition.parts.size());
+  StageContext quiet = context;
+  quiet.log = silent_context().log;  // they would all speak at the same time
   parallel_for_each_index(
       0, partition.parts.size(),
       [&](std::size_t p) {
@@ -69,8 +71,8 @@ std::vector<std::int32_t> improve_parts(TetMesh& mesh,
         own.few_insertion_tries = options.few_insertion_tries * part.tets.size() / mesh.tets.size();
         // A thread that waits here for others must not take on another part meanwhile.
         tbb::this_task_arena::isolate([&] {
-          TetImprover improver(part, own, context);
-          improve_in_passes(improver, is_frozen, own, context, stats_of[p]);
+          TetImprover improver(part, own, quiet);
+          improve_in_passes(improver, is_frozen, own, quiet, stats_of[p]);
           improver.close();
         });
       },
@@ -85,6 +87,9 @@ std::vector<std::int32_t> improve_parts(TetMesh& mesh,
     stats.insertion_tries += part.insertion_tries;
     stats.surface_flips += part.surface_flips;
   }
+  context.log->debug("{}: {} parts improved: {} flips, {} moves, {} insertions of {} tried", kStage,
+                     stats_of.size(), flips_of(stats), stats.moves, stats.insertions,
+                     stats.insertion_tries);
   return partition.join(mesh);
 }
 
