@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
+#include "cvmesh/core/error.h"
 #include "cvmesh/mesh/validate.h"
 #include "cvmesh/tet/angle_bounds.h"
 #include "cvmesh/tet/cavity.h"
@@ -12,6 +13,7 @@
 #include "support/catch.h"
 #include "tet/shapes.h"
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -636,6 +638,19 @@ TEST_CASE(
   CHECK(in_parts.after.min_deg > 0.9 * in_one.after.min_deg);
   CHECK(mean_quality(joined) > mean_quality(whole) - 0.01);
   CHECK(in_parts.moves + in_parts.edge_removals > (in_one.moves + in_one.edge_removals) / 2);
+}
+
+TEST_CASE("improve_tets: a cancel ends it, in one piece and in parts", "[tet][unit]") {
+  const TetMesh start = unimproved(sphere(kCentre, 15, 3, {1, 0}), 2, 3);
+  const std::atomic<bool> cancel = true;
+  StageContext context = silent_context();
+  context.cancel = &cancel;
+  ImproveTetsOptions options;
+  for (const std::size_t parts : {1U, 12U}) {
+    options.most_tets_of_part = start.tets.size() / parts;
+    TetMesh mesh = start;
+    REQUIRE_THROWS_AS(improve_tets(mesh, options, context), Error);
+  }
 }
 
 TEST_CASE("improve_tets: equal input gives equal tets at any number of threads",

@@ -93,6 +93,7 @@ std::vector<std::int32_t> improve_parts(TetMesh& mesh,
   return partition.join(mesh);
 }
 
+/// Bound on tets in which new vertices are tried around so many vertices.
 std::size_t tries_at(std::size_t vertices, const ImproveTetsOptions& options) {
   return static_cast<std::size_t>(options.max_insertion_tries_per_vertex *
                                   static_cast<double>(vertices));

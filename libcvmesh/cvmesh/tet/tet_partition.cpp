@@ -95,6 +95,7 @@ class FacetsByVertex {
   std::vector<std::int32_t> facets_;
 };
 
+/// The part of these tets.
 TetPartition::Part cut_out(const TetMesh& whole,
                            const std::vector<std::int32_t>& tets,
                            const std::vector<std::int32_t>& part_of,

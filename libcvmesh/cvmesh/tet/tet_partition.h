@@ -26,7 +26,7 @@ class TetPartition {
 
   std::vector<Part> parts;
 
-  /// Cuts across the longest side in halves until no part has more than `most_tets`.
+  /// Cuts across the longest side in halves until no part has more than `most_tets`, at least 1.
   TetPartition(const TetMesh& whole, std::size_t most_tets);
 
   /// Puts the parts in the place of what they were cut from; each may have other tets and vertices
