@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/core/cpu_limit.h"
+#include "cvmesh/core/id_bits.h"
 #include "cvmesh/io/sha256.h"
 
 #include "io/image_files.h"
 #include "support/catch.h"
 #include "support/test_data.h"
 #include <algorithm>
+#include <cstdint>
 #include <span>
 #include <string>
+#include <vector>
 
 using namespace cvmesh;
 using cvmesh::image_files::write_file;
@@ -53,4 +56,20 @@ TEST_CASE("cgroup_cpu_limit: the least of the group and those above it", "[core]
   write_file(folder / "self", "0::/other\n");
   CHECK(cgroup_cpu_limit(root, folder / "self") == 0);
   CHECK(cgroup_cpu_limit(folder / "absent", folder / "absent") == 0);
+}
+
+TEST_CASE("IdBits: never says of one that it is not there, and says it of most others",
+          "[core][unit]") {
+  const std::vector<std::int32_t> ids{0, 7, 64, 1000003, 2147483647};
+  IdBits bits(ids);
+  for (const std::int32_t id : ids)
+    CHECK(bits.may_hold(id));
+  CHECK_FALSE(bits.may_hold(8));
+  CHECK_FALSE(IdBits().may_hold(0));
+  bits.add(8);
+  CHECK(bits.may_hold(8));
+  int maybe = 0;
+  for (std::int32_t id = 100; id < 164; ++id)
+    maybe += bits.may_hold(id) ? 1 : 0;
+  CHECK(maybe == 5);  // 0 and 64 have the same bit
 }

@@ -92,6 +92,36 @@ TEST_CASE("MaterialSurfaces: splits and flips keep every invariant, edit by edit
   }
 }
 
+TEST_CASE("facet_across: what a search for the facets of the edge finds", "[mesh][property]") {
+  for (const InputVolume& volume :
+       {phantoms::three_material_wedge(70, 6), phantoms::voxel_noise(3, 4, 4)}) {
+    const auto dense = dense_phantoms::make(volume);
+    const MaterialSurfaces surfaces(dense.mesh, dense.material_count);
+    std::size_t inside = 0, on_curves = 0;
+    for (std::size_t f = 0; f < surfaces.facets().size(); ++f) {
+      const auto facet = static_cast<std::int32_t>(f);
+      const auto v = surfaces.facets()[f].vertices;
+      for (std::size_t c = 0; c < 3; ++c) {
+        const std::int32_t a = v[c], b = v[(c + 1) % 3];
+        const std::int32_t across = surfaces.facet_across(facet, a, b);
+        REQUIRE(across == surfaces.facet_across(facet, b, a));
+        std::int32_t first = -1, second = -1;
+        if (surfaces.facets_of_edge(a, b, first, second)) {
+          ++inside;
+          REQUIRE(first == facet);
+          REQUIRE(across == second);
+        } else {
+          ++on_curves;
+          REQUIRE(across == -1);
+        }
+      }
+      REQUIRE(surfaces.facet_across(facet, v[0], -1) == -1);
+    }
+    CHECK(inside > 0);
+    CHECK(on_curves > 0);
+  }
+}
+
 TEST_CASE("collect_sheets: an interface vertex has one disk, a curve vertex three half-disks",
           "[mesh][unit]") {
   const auto dense = dense_phantoms::make(phantoms::three_material_wedge(90, 6));

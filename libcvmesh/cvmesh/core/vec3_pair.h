@@ -3,7 +3,12 @@
 
 #include "cvmesh/core/vec3.h"
 
+#include <cmath>
 #include <cstdint>
+
+#ifdef __SSE2__
+#include <emmintrin.h>
+#endif
 
 namespace cvmesh {
 
@@ -25,15 +30,50 @@ inline DoublePair both(double x) {
   return DoublePair{x, x};
 }
 
+inline DoublePair square_root(const DoublePair& x) {
+#ifdef __SSE2__
+  return _mm_sqrt_pd(x);
+#else
+  return DoublePair{std::sqrt(x[0]), std::sqrt(x[1])};
+#endif
+}
+
 /// Two points, a lane each.
 struct Vec3Pair {
   Vec3Pair() = default;
 
   Vec3Pair(const Vec3& a, const Vec3& b) : x{a.x, b.x}, y{a.y, b.y}, z{a.z, b.z} {}
 
+  Vec3Pair(const DoublePair& x_of_both, const DoublePair& y_of_both, const DoublePair& z_of_both)
+      : x(x_of_both), y(y_of_both), z(z_of_both) {}
+
   [[nodiscard]] Vec3 at(int lane) const { return {x[lane], y[lane], z[lane]}; }
 
   DoublePair x{}, y{}, z{};
 };
+
+inline Vec3Pair operator+(const Vec3Pair& a, const Vec3Pair& b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+
+inline Vec3Pair operator-(const Vec3Pair& a, const Vec3Pair& b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+
+inline Vec3Pair operator-(const Vec3Pair& a) {
+  return {-a.x, -a.y, -a.z};
+}
+
+inline DoublePair dot(const Vec3Pair& a, const Vec3Pair& b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+inline Vec3Pair cross(const Vec3Pair& a, const Vec3Pair& b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+inline DoublePair squared_norm(const Vec3Pair& a) {
+  return dot(a, a);
+}
 
 }  // namespace cvmesh

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 
 namespace cvmesh {
 namespace {
@@ -47,30 +49,41 @@ double squared_segment_distance(const Vec3& a, const Vec3& b, const Vec3& c, con
 
 /// Corners of two facets: first those that they share, in the same order on both sides.
 struct SharedFirst {
-  std::size_t shared = 0;
+  int shared = 0;
   Corners p, q;
 };
+
+/// Which of the corners of s are corners of t, a bit each. Without branches: on two neighbours in a
+/// surface they would be guesses.
+unsigned corners_in(const VertexTriple& s, const VertexTriple& t) {
+  const auto is_corner = [&t](std::int32_t v) {
+    return static_cast<unsigned>(v == t[0]) | static_cast<unsigned>(v == t[1]) |
+           static_cast<unsigned>(v == t[2]);
+  };
+  return is_corner(s[0]) | is_corner(s[1]) << 1U | is_corner(s[2]) << 2U;
+}
 
 SharedFirst shared_first(const std::vector<Vec3>& points,
                          const VertexTriple& s,
                          const VertexTriple& t) {
+  // By the bits of `corners_in`: the shared corners first; of the others the last one first, or
+  // the first one.
+  using Order = std::array<std::uint8_t, 3>;
+  static constexpr std::array<Order, 8> kOthersBackwards{
+      {{2, 1, 0}, {0, 2, 1}, {1, 2, 0}, {0, 1, 2}, {2, 1, 0}, {0, 2, 1}, {1, 2, 0}, {0, 1, 2}}};
+  static constexpr std::array<Order, 8> kOthersForwards{
+      {{0, 1, 2}, {0, 1, 2}, {1, 0, 2}, {0, 1, 2}, {2, 0, 1}, {0, 2, 1}, {1, 2, 0}, {0, 1, 2}}};
+  static constexpr std::array<std::uint8_t, 8> kCount{0, 1, 1, 2, 1, 2, 2, 3};
+  const unsigned in_t = corners_in(s, t);
+  const Order &order_s = kOthersBackwards[in_t], &order_t = kOthersForwards[corners_in(t, s)];
   SharedFirst both;
-  std::array<bool, 3> is_in_both{};  // by corner of t
-  std::size_t last = 3;
-  for (const std::int32_t v : s) {
-    const Vec3& point = points[static_cast<std::size_t>(v)];
-    const auto in_t = static_cast<std::size_t>(std::find(t.begin(), t.end(), v) - t.begin());
-    if (in_t == t.size()) {
-      both.p[--last] = point;
-      continue;
-    }
-    is_in_both[in_t] = true;
-    both.p[both.shared] = both.q[both.shared] = point;
-    ++both.shared;
+  both.shared = kCount[in_t];
+  for (std::size_t k = 0; k < 3; ++k) {
+    both.p[k] = points[static_cast<std::size_t>(s[order_s[k]])];
+    both.q[k] = points[static_cast<std::size_t>(t[order_t[k]])];
   }
-  std::size_t next = both.shared;
-  for (std::size_t k = 0; k < 3; ++k)
-    if (!is_in_both[k]) both.q[next++] = points[static_cast<std::size_t>(t[k])];
+  // The shared ones of t are those of s, in their order.
+  if (both.shared == 2) both.q[0] = both.p[0], both.q[1] = both.p[1];
   return both;
 }
 

@@ -52,14 +52,21 @@ class FacetIndex {
           for (int bi = lo[0] / kBrick; bi <= hi[0] / kBrick; ++bi) {
             const std::int32_t brick = level.brick_at[brick_index(level, bi, bj, bk)];
             if (brick < 0) continue;
-            for (int k = std::max(lo[2], bk * kBrick); k <= std::min(hi[2], bk * kBrick + kLast);
-                 ++k)
-              for (int j = std::max(lo[1], bj * kBrick); j <= std::min(hi[1], bj * kBrick + kLast);
-                   ++j)
-                for (int i = std::max(lo[0], bi * kBrick);
-                     i <= std::min(hi[0], bi * kBrick + kLast); ++i)
-                  for (const Entry& entry : cells_[cell_index(brick, {i, j, k})])
-                    if (overlap.with(entry)) visit(entry);
+            const auto for_each_cell = [&](const auto& look_into) {
+              for (int k = std::max(lo[2], bk * kBrick); k <= std::min(hi[2], bk * kBrick + kLast);
+                   ++k)
+                for (int j = std::max(lo[1], bj * kBrick);
+                     j <= std::min(hi[1], bj * kBrick + kLast); ++j)
+                  for (int i = std::max(lo[0], bi * kBrick);
+                       i <= std::min(hi[0], bi * kBrick + kLast); ++i)
+                    look_into(cells_[cell_index(brick, {i, j, k})]);
+            };
+            // all are asked for before the first is waited for
+            for_each_cell([](const std::vector<Entry>& cell) { __builtin_prefetch(cell.data()); });
+            for_each_cell([&](const std::vector<Entry>& cell) {
+              for (const Entry& entry : cell)
+                if (overlap.with(entry)) visit(entry);
+            });
           }
     }
   }

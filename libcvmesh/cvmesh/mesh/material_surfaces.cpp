@@ -15,15 +15,6 @@
 #include <utility>
 
 namespace cvmesh {
-namespace {
-
-std::array<std::int32_t, 3> sorted(std::array<std::int32_t, 3> v) {
-  std::sort(v.begin(), v.end());
-  return v;
-}
-
-}  // namespace
-
 MaterialSurfaces::MaterialSurfaces(const InterfaceMesh& mesh, std::size_t material_count)
     : meshes_(material_count), points_(mesh.points), copies_(mesh.points.size()) {
   facets_.resize(mesh.facets.size());
@@ -205,6 +196,22 @@ bool MaterialSurfaces::facets_of_edge(std::int32_t a,
   return false;
 }
 
+std::int32_t MaterialSurfaces::facet_across(std::int32_t facet,
+                                            std::int32_t a,
+                                            std::int32_t b) const {
+  const MaterialId m = facets_[facet].patch.sides.inside;
+  const HalfedgeMesh& mesh = meshes_[m];
+  Halfedge h = mesh.halfedge(facets_[facet].inside_face);
+  for (int side = 0; side < 3; ++side, h = mesh.next(h)) {
+    const std::int32_t source = vertex_id_[m][mesh.source(h)];
+    const std::int32_t target = vertex_id_[m][mesh.target(h)];
+    if ((source != a || target != b) && (source != b || target != a)) continue;
+    const std::int32_t other = facet_id_[m][mesh.face(mesh.opposite(h))];
+    return facets_[other].patch == facets_[facet].patch ? other : -1;
+  }
+  return -1;
+}
+
 std::int32_t MaterialSurfaces::add_vertex(const Vec3& position) {
   points_.push_back(position);
   copies_.emplace_back();
@@ -226,12 +233,13 @@ std::int32_t MaterialSurfaces::add_facet(const Facet& facet) {
 // Ties the face at halfedge h of material m to the facet among `facets` that has its vertices.
 void MaterialSurfaces::attach(MaterialId m, Halfedge h, const std::vector<std::int32_t>& facets) {
   const HalfedgeMesh& mesh = meshes_[m];
-  const auto key = sorted({vertex_id_[m][mesh.target(h)], vertex_id_[m][mesh.target(mesh.next(h))],
-                           vertex_id_[m][mesh.source(h)]});
+  const std::array<std::int32_t, 3> corners{vertex_id_[m][mesh.source(h)],
+                                            vertex_id_[m][mesh.target(h)],
+                                            vertex_id_[m][mesh.target(mesh.next(h))]};
   for (const std::int32_t f : facets) {
     Facet& facet = facets_[f];
     if (facet.patch.sides.inside != m && facet.patch.sides.outside != m) continue;
-    if (sorted(facet.vertices) != key) continue;
+    if (!std::is_permutation(corners.begin(), corners.end(), facet.vertices.begin())) continue;
     const Face face = mesh.face(h);
     facet_id_[m][face] = f;
     (facet.patch.sides.inside == m ? facet.inside_face : facet.outside_face) = face;
@@ -490,8 +498,13 @@ void MaterialSurfaces::remove_copy(MaterialId m, const Removal& removal) {
       }
   }
   const std::vector<std::int32_t> created = created_by(removal);
-  for (const Halfedge h : loose)
+  boost::container::small_vector<Face, 12> attached;
+  for (const Halfedge h : loose) {
+    const Face face = mesh.face(h);
+    if (std::find(attached.begin(), attached.end(), face) != attached.end()) continue;
     attach(m, h, created);
+    attached.push_back(face);
+  }
 }
 
 // On a curve the neighbours along it get an edge. Where a sheet vanishes it is there already, in

@@ -111,6 +111,10 @@ class MaterialSurfaces {
                       std::int32_t& first,
                       std::int32_t& second) const;
 
+  /// The facet of the same patch on the other side of edge (a, b) of `facet`; -1 where (a, b) is a
+  /// curve edge or none of its edges. Does not search, as `facets_of_edge` has to.
+  [[nodiscard]] std::int32_t facet_across(std::int32_t facet, std::int32_t a, std::int32_t b) const;
+
   void move_vertex(std::int32_t vertex, const Vec3& position) { points_[vertex] = position; }
 
   /// Puts a new vertex into a facet (three facets instead of one). @return its id

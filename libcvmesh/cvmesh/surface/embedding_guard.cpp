@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/surface/embedding_guard.h"
 
+#include "cvmesh/core/id_bits.h"
+
 #include <algorithm>
 
 namespace cvmesh {
@@ -60,9 +62,16 @@ void EmbeddingGuard::begin(const Box3& box,
                            std::span<const std::int32_t> ring) {
   nearby_.clear();
   nearby_vertices_.clear();
+  // Facets and points lie all over the memory: asked for together, they are waited for once.
+  const IdBits replaced_bits(replaced);
   index_.query(grown(box, clearance_mm_), [&](const FacetIndex::Entry& entry) {
-    if (!holds(replaced, entry.id)) nearby_.push_back(entry);
+    if (replaced_bits.may_hold(entry.id) && holds(replaced, entry.id)) return;
+    nearby_.push_back(entry);
+    __builtin_prefetch(&surfaces_.facets()[entry.id]);
   });
+  for (const FacetIndex::Entry& entry : nearby_)
+    for (const auto v : surfaces_.facets()[entry.id].vertices)
+      __builtin_prefetch(&surfaces_.points()[v]);
   for (const FacetIndex::Entry& entry : nearby_)
     for (const auto v : surfaces_.facets()[entry.id].vertices)
       if (box.contains(surfaces_.points()[v]) && !holds(ring, v) && !holds(nearby_vertices_, v))

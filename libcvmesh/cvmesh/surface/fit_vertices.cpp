@@ -130,9 +130,10 @@ class Star {
   Star(const MaterialSurfaces& surfaces, const FacetSamples& samples)
       : surfaces_(surfaces), samples_(samples) {}
 
+  /// @param facets  those around v
   /// @pre nothing around the vertex changes from here on but its own place
-  void look_at(std::int32_t v) {
-    surfaces_.collect_star(v, ids_);
+  void look_at(std::int32_t v, const std::vector<std::int32_t>& facets) {
+    ids_ = facets;
     std::sort(ids_.begin(), ids_.end());
     facets_.clear();
     ring_.clear();
@@ -237,9 +238,8 @@ class Star {
     folds_.clear();
     for (std::size_t i = 0; i < facets_.size(); ++i) {
       const Facet& facet = facets_[i];
-      std::int32_t left = -1, right = -1;
-      if (surfaces_.facets_of_edge(facet.vertices[1], facet.vertices[2], left, right)) {
-        const auto other = left == facet.id ? right : left;
+      const auto other = surfaces_.facet_across(facet.id, facet.vertices[1], facet.vertices[2]);
+      if (other >= 0) {
         const Vec3 across = unit_normal(surfaces_, surfaces_.facets()[at(other)].vertices);
         folds_.push_back({i, std::nullopt, across, dot(facet.normal, across)});
       }
@@ -371,7 +371,7 @@ class VertexFitter {
     attempt.outcome = Outcome::Stays;
     auto& [star, guard] = workers_.local();
     const std::int32_t v = attempt.vertex;
-    star.look_at(v);
+    star.look_at(v, attempt.facets);
     attempt.ring = star.ring();
     const Vec3 from = surfaces_.points()[at(v)], &home = home_[at(v)];
     Vec3 shift = star.best_place(home) - home;

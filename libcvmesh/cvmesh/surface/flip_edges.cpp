@@ -26,6 +26,16 @@ constexpr double kLeastGain = 1e-9;
 constexpr double kMinFoldCosine = -0.94;
 constexpr double kMinQuality = 1e-3;
 
+using Edge = std::pair<std::int32_t, std::int32_t>;
+
+// An edge with one of its facets. Flips may take the edge from that facet, or away altogether.
+struct FacetEdge {
+  Edge edge;
+  std::int32_t facet;
+
+  auto operator<=>(const FacetEdge&) const = default;
+};
+
 // A flip as it would be: edge a-b of facets (a, b, c) and (b, a, d) becomes c-d.
 struct Flip {
   std::int32_t first, second, a, b, c, d;
@@ -69,12 +79,12 @@ class Flipper {
 
   /// Whether `try_flip`, or `try_pair`, has anything to try. Only looks: threads may ask at the
   /// same time.
-  [[nodiscard]] bool is_promising(std::int32_t a, std::int32_t b, bool by_pairs) const {
-    return (by_pairs ? find(a, b, may_begin_pair) : find(a, b, gains)).has_value();
+  [[nodiscard]] bool is_promising(const FacetEdge& edge, bool by_pairs) const {
+    return (by_pairs ? find(edge, may_begin_pair) : find(edge, gains)).has_value();
   }
 
-  Outcome try_flip(std::int32_t a, std::int32_t b) {
-    const auto flip = find(a, b, gains);
+  Outcome try_flip(const FacetEdge& edge) {
+    const auto flip = find(edge, gains);
     if (!flip) return Outcome::NoGain;
     if (!is_allowed(*flip)) return Outcome::Refused;
     touch(*flip);
@@ -84,20 +94,22 @@ class Flipper {
 
   // Out of a valley that no single flip leaves: a flip that costs, and one beside it that makes
   // good for both. Only where there is something to gain.
-  Outcome try_pair(std::int32_t a, std::int32_t b) {
-    const auto first = find(a, b, may_begin_pair);
+  Outcome try_pair(const FacetEdge& edge) {
+    const auto first = find(edge, may_begin_pair);
     if (!first || !is_allowed(*first)) return Outcome::NoGain;
     const auto of_first = surfaces_.samples_of(first->first);
     const auto of_second = surfaces_.samples_of(first->second);
     const std::array<double, 2> farthest{farthest_of_[first->first], farthest_of_[first->second]};
     carry_out(*first);
     std::optional<Flip> best;
-    const std::array<std::pair<std::int32_t, std::int32_t>, 4> sides{
-        {{first->b, first->c}, {first->c, first->a}, {first->a, first->d}, {first->d, first->b}}};
-    for (const auto& [u, v] : sides) {
+    const std::array<FacetEdge, 4> sides{{{{first->b, first->c}, first->second},
+                                          {{first->c, first->a}, first->first},
+                                          {{first->a, first->d}, first->first},
+                                          {{first->d, first->b}, first->second}}};
+    for (const FacetEdge& side : sides) {
       const double least = best ? best->gain() : kLeastGain - first->gain();
       const auto second =
-          find(u, v, [&](double before, double after) { return before - after > least; });
+          find(side, [&](double before, double after) { return before - after > least; });
       if (second && is_allowed(*second)) best = second;
     }
     if (best) {
@@ -107,7 +119,7 @@ class Flipper {
       return Outcome::Flipped;
     }
     // back to what was there, to the last sample; the facets have changed their numbers
-    carry_out(*find(first->c, first->d, [](double, double) { return true; }));
+    carry_out(*find({{first->c, first->d}, first->first}, [](double, double) { return true; }));
     surfaces_.set_samples(first->second, of_first);
     surfaces_.set_samples(first->first, of_second);
     farthest_of_[first->second] = farthest[0];
@@ -116,21 +128,22 @@ class Flipper {
   }
 
   /// Facets of one of the edge's ends changed in this pass or the one before.
-  [[nodiscard]] bool is_touched(std::int32_t a, std::int32_t b) const {
-    return last_touch(a) + 1 >= pass_ || last_touch(b) + 1 >= pass_;
+  [[nodiscard]] bool is_touched(const Edge& edge) const {
+    return last_touch(edge.first) + 1 >= pass_ || last_touch(edge.second) + 1 >= pass_;
   }
 
   /// Facets of one of the edge's ends changed in this pass. Every facet that a single flip weighs
   /// has one of these ends.
-  [[nodiscard]] bool is_touched_now(std::int32_t a, std::int32_t b) const {
-    return last_touch(a) == pass_ || last_touch(b) == pass_;
+  [[nodiscard]] bool is_touched_now(const Edge& edge) const {
+    return last_touch(edge.first) == pass_ || last_touch(edge.second) == pass_;
   }
 
   /// All that `try_pair` weighs belongs to facets at the four vertices around the edge; did one of
   /// them change since the last pass of pairs began?
-  [[nodiscard]] bool is_pair_touched(std::int32_t a, std::int32_t b) const {
+  [[nodiscard]] bool is_pair_touched(const FacetEdge& edge) const {
+    const auto [a, b] = edge.edge;
     std::int32_t first = -1, second = -1;
-    if (!surfaces_.facets_of_edge(a, b, first, second)) return false;
+    if (!find_facets(edge, first, second)) return false;
     const std::array<std::int32_t, 4> around{a, b, across(first, a, b), across(second, a, b)};
     return std::any_of(around.begin(), around.end(),
                        [&](std::int32_t v) { return last_touch(v) >= last_pairs_; });
@@ -144,15 +157,27 @@ class Flipper {
   }
 
  private:
+  // As `MaterialSurfaces::facets_of_edge`, without a search where the edge's facet still has it.
+  bool find_facets(const FacetEdge& edge, std::int32_t& first, std::int32_t& second) const {
+    const auto [a, b] = edge.edge;
+    const VertexTriple& t = surfaces_.facets()[edge.facet].vertices;
+    const auto place_a = std::find(t.begin(), t.end(), a) - t.begin();
+    const auto place_b = std::find(t.begin(), t.end(), b) - t.begin();
+    if (place_a == 3 || place_b == 3) return surfaces_.facets_of_edge(a, b, first, second);
+    first = edge.facet;
+    second = surfaces_.facet_across(edge.facet, a, b);
+    if (place_b != (place_a + 1) % 3) std::swap(first, second);
+    return std::min(first, second) >= 0;
+  }
+
   // What flipping edge a-b would change; nothing where it is no edge inside a patch, or where
   // `accept(cost before, cost after)` is false. Bounds of the cost after, from below, settle most
   // cases before the dear part of it.
   template <typename Accept>
-  [[nodiscard]] std::optional<Flip> find(std::int32_t a,
-                                         std::int32_t b,
-                                         const Accept& accept) const {
+  [[nodiscard]] std::optional<Flip> find(const FacetEdge& edge, const Accept& accept) const {
+    const auto [a, b] = edge.edge;
     Flip flip{};
-    if (!surfaces_.facets_of_edge(a, b, flip.first, flip.second)) return std::nullopt;
+    if (!find_facets(edge, flip.first, flip.second)) return std::nullopt;
     const std::int32_t c = across(flip.first, a, b), d = across(flip.second, a, b);
     flip.a = a;
     flip.b = b;
@@ -249,9 +274,8 @@ class Flipper {
 
   // Unit normal of the facet on the other side of edge (u, v) of `facet`; zero on a curve.
   [[nodiscard]] Vec3 normal_across(std::int32_t u, std::int32_t v, std::int32_t facet) const {
-    std::int32_t left = -1, right = -1;
-    if (!surfaces_.facets_of_edge(u, v, left, right)) return {};
-    return unit_normal(surfaces_.facets()[left == facet ? right : left].vertices);
+    const std::int32_t other = surfaces_.facet_across(facet, u, v);
+    return other < 0 ? Vec3{} : unit_normal(surfaces_.facets()[other].vertices);
   }
 
   // Objective of a pair of facets: facet 0 has the outer sides side[0], side[1], facet 1 the
@@ -320,22 +344,22 @@ class Flipper {
   std::vector<int> touched_;        // per vertex: the last pass that changed its facets
 };
 
-using Edge = std::pair<std::int32_t, std::int32_t>;
-
 // All edges, ascending: sorted by counting what starts at each vertex, as every pass needs them.
-std::vector<Edge> list_edges(const MaterialSurfaces& surfaces) {
+std::vector<FacetEdge> list_edges(const MaterialSurfaces& surfaces) {
   const auto for_each_side = [&](const auto& visit) {
-    for (const auto& facet : surfaces.facets()) {
+    for (std::size_t f = 0; f < surfaces.facets().size(); ++f) {
+      const auto& facet = surfaces.facets()[f];
       if (!facet.is_alive) continue;
       for (int c = 0; c < 3; ++c)
-        visit(Edge(std::minmax(facet.vertices[c], facet.vertices[(c + 1) % 3])));
+        visit({Edge(std::minmax(facet.vertices[c], facet.vertices[(c + 1) % 3])),
+               static_cast<std::int32_t>(f)});
     }
   };
   std::vector<std::size_t> place_of(surfaces.points().size() + 1, 0);
-  for_each_side([&](const Edge& edge) { ++place_of[edge.first + 1]; });
+  for_each_side([&](const FacetEdge& side) { ++place_of[side.edge.first + 1]; });
   std::partial_sum(place_of.begin(), place_of.end(), place_of.begin());
-  std::vector<Edge> edges(place_of.back());
-  for_each_side([&](const Edge& edge) { edges[place_of[edge.first]++] = edge; });
+  std::vector<FacetEdge> edges(place_of.back());
+  for_each_side([&](const FacetEdge& side) { edges[place_of[side.edge.first]++] = side; });
   // Each place has moved to where its vertex ends.
   std::size_t begin = 0;
   for (const std::size_t end : place_of) {
@@ -343,7 +367,8 @@ std::vector<Edge> list_edges(const MaterialSurfaces& surfaces) {
               edges.begin() + static_cast<std::ptrdiff_t>(end));
     begin = end;
   }
-  edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
+  const auto are_same = [](const FacetEdge& a, const FacetEdge& b) { return a.edge == b.edge; };
+  edges.erase(std::unique(edges.begin(), edges.end(), are_same), edges.end());
   return edges;
 }
 
@@ -359,35 +384,32 @@ FlipEdgesResult flip_edges(MaterialSurfaces surfaces,
     using Outcome = Flipper::Outcome;
     std::set<Edge> refused;
     // Edges around which nothing has changed since they were last looked at are not looked at.
-    const auto is_due = [&](const Edge& edge, bool by_pairs) {
-      return by_pairs ? flipper.is_pair_touched(edge.first, edge.second)
-                      : flipper.is_touched(edge.first, edge.second) || refused.contains(edge);
+    const auto is_due = [&](const FacetEdge& side, bool by_pairs) {
+      if (by_pairs) return flipper.is_pair_touched(side);
+      return flipper.is_touched(side.edge) || refused.contains(side.edge);
     };
     const auto run_pass = [&](bool by_pairs, bool all) {
       flipper.begin_pass(by_pairs);
-      const std::vector<Edge> edges = list_edges(surfaces);
+      const std::vector<FacetEdge> edges = list_edges(surfaces);
       // Most edges are left as they are. Which, is found out in parallel; it holds until something
       // changes beside the edge. Those that are not due yet may become so during the pass.
       std::vector<char> is_promising(edges.size(), true);
       parallel_for_each_index(0, edges.size(), [&](std::size_t n) {
-        const auto [a, b] = edges[n];
         if (all || is_due(edges[n], by_pairs))
-          is_promising[n] = flipper.is_promising(a, b, by_pairs);
+          is_promising[n] = flipper.is_promising(edges[n], by_pairs);
       });
       std::size_t flips = 0;
       for (std::size_t n = 0; n < edges.size(); ++n) {
-        const Edge& edge = edges[n];
-        if (!all && !is_due(edge, by_pairs)) continue;
-        const auto [a, b] = edge;
+        if (!all && !is_due(edges[n], by_pairs)) continue;
         Outcome outcome = Outcome::NoGain;
-        if (is_promising[n] || flipper.is_touched_now(a, b))
-          outcome = by_pairs ? flipper.try_pair(a, b) : flipper.try_flip(a, b);
+        if (is_promising[n] || flipper.is_touched_now(edges[n].edge))
+          outcome = by_pairs ? flipper.try_pair(edges[n]) : flipper.try_flip(edges[n]);
         if (outcome == Outcome::Flipped) flips += by_pairs ? 2 : 1;
         if (by_pairs) continue;
         if (outcome == Outcome::Refused)
-          refused.insert(edge);
+          refused.insert(edges[n].edge);
         else
-          refused.erase(edge);
+          refused.erase(edges[n].edge);
       }
       result.stats.flips += flips;
       ++result.stats.passes;

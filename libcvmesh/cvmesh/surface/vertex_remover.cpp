@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/surface/vertex_remover.h"
 
+#include "cvmesh/core/id_bits.h"
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/mesh/flat_triangle.h"
 #include "cvmesh/surface/embedding_guard.h"
@@ -152,10 +153,14 @@ class RemovalPlanner {
   // vertices, which may not be made again. False where these forbid the removal.
   bool mark_surroundings(const std::vector<Sheet>& sheets, bool has_vanishing) {
     const std::int32_t p = sheets.front().ring.front(), q = sheets.front().ring.back();
+    const IdBits ring_bits(ring_);
     int facets_at_closing_edge = 0;
     PatchKey patch_at_closing_edge;
     for (const auto& entry : guard_.nearby()) {
       const auto& facet = surfaces_.facets()[entry.id];
+      if (std::count_if(facet.vertices.begin(), facet.vertices.end(),
+                        [&](std::int32_t v) { return ring_bits.may_hold(v); }) < 2)
+        continue;
       for (std::size_t s = 0; s < sheets.size(); ++s) {
         const std::array<int, 3> place{place_in(sheets[s], facet.vertices[0]),
                                        place_in(sheets[s], facet.vertices[1]),

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/tet/cavity.h"
 
+#include "cvmesh/tet/tet_score.h"
+
+#include <boost/container/small_vector.hpp>
+
 #include <algorithm>
 #include <limits>
 #include <utility>
@@ -68,10 +72,21 @@ bool is_simple(const Cavity& cavity) {
 
 /// Moves p to where the worst wall of the cavity is best.
 void settle(const OpenTets& tets, Cavity& cavity, Vec3& p) {
+  // Two walls at a time, the last one with itself where they are odd.
+  boost::container::small_vector<BaseTerms<Vec3Pair>, 24> pairs;
+  for (std::size_t n = 0; n < cavity.walls.size(); n += 2) {
+    const Face& f = cavity.walls[n].face;
+    const Face& g = cavity.walls[std::min(n + 1, cavity.walls.size() - 1)].face;
+    const auto corners = [&](std::size_t k) {
+      return Vec3Pair(tets.point(f[k]), tets.point(g[k]));
+    };
+    pairs.emplace_back(corners(0), corners(1), corners(2));
+  }
   const auto worst_for = [&](const Vec3& q, double floor) {
     double worst = std::numeric_limits<double>::infinity();
-    for (const auto& wall : cavity.walls) {
-      worst = std::min(worst, wall_sine(tets, wall.face, q));
+    for (const BaseTerms<Vec3Pair>& pair : pairs) {
+      const DoublePair sines = min_dihedral_sines(pair, q);
+      worst = std::min({worst, sines[0], sines[1]});
       if (worst <= floor) break;
     }
     return worst;

@@ -30,6 +30,10 @@ void ChangeFinder::try_edge_removal(const Ring& ring, TetChange& best) const {
   const std::size_t n = ring.corners.size();
   const TetQuality before = quality_of(tets_, ring.tets);
   const double floor = std::max(goal_.capped(before.worst), TetGoal::kLeastSine);
+  const Vec3Pair ends(tets_.point(ring.b), tets_.point(ring.a));
+  std::array<Vec3, kMaxRing> corners;
+  for (std::size_t i = 0; i < n; ++i)
+    corners[i] = tets_.point(ring.corners[i]);
 
   struct Entry {
     double worst = -1, sum = 0;
@@ -47,12 +51,10 @@ void ChangeFinder::try_edge_removal(const Ring& ring, TetChange& best) const {
       for (std::size_t k = i + 1; k < j; ++k) {
         const double parts = std::min(table[i][k].worst, table[k][j].worst);
         if (parts < floor) continue;
-        const TetScore above =
-            tets_.score_of({ring.corners[i], ring.corners[k], ring.corners[j], ring.b}, floor);
-        if (above.min_sine < floor) continue;
-        const TetScore below =
-            tets_.score_of({ring.corners[k], ring.corners[i], ring.corners[j], ring.a}, floor);
-        if (below.min_sine < floor) continue;
+        const Vec3 &p = corners[i], &q = corners[k], &r = corners[j];
+        const auto scores = score_two_tets({p, q}, {q, p}, {r, r}, ends, floor);
+        if (!scores) continue;
+        const auto& [above, below] = *scores;
         const double worst = goal_.capped(std::min({parts, above.min_sine, below.min_sine}));
         const double sum =
             above.radius_ratio + below.radius_ratio + table[i][k].sum + table[k][j].sum;
@@ -102,11 +104,18 @@ void ChangeFinder::try_face_flip(std::int32_t t, std::size_t k, TetChange& best)
   offer(std::move(change), before, best);
 }
 
-/// Interior vertex v goes into u, which must see all of the star's boundary.
-void ChangeFinder::try_contraction(std::int32_t v, std::int32_t u, TetChange& best) {
+/// Interior vertex v goes into another one of its tet t, which must see all of the star's boundary.
+void ChangeFinder::try_contractions(std::int32_t v, const Tet& t, TetChange& best) {
   tets_.find_star(v, star_);
   const TetQuality before = quality_of(tets_, star_);
   const double floor = std::max(goal_.capped(before.worst), TetGoal::kLeastSine);
+  for (const std::int32_t u : t)
+    if (u != v) try_contraction(v, u, before, floor, best);
+}
+
+/// The same for one vertex u, with the star of v.
+void ChangeFinder::try_contraction(
+    std::int32_t v, std::int32_t u, const TetQuality& before, double floor, TetChange& best) const {
   TetChange change{TetChange::Kind::Contraction, {}, 0, {}, {}};
   for (const std::int32_t t : star_) {
     Tet tet = tets_.tet(t);
@@ -127,10 +136,9 @@ TetChange ChangeFinder::best_change(std::int32_t t) {
     if (tets_.find_ring(t, e, kMaxRing, ring_)) try_edge_removal(ring_, best);
   for (std::size_t k = 0; k < 4; ++k)
     try_face_flip(t, k, best);
-  const Tet tet = tets_.tet(t);
+  const Tet& tet = tets_.tet(t);
   for (const std::int32_t v : tet)
-    for (const std::int32_t u : tet)
-      if (u != v && !tets_.is_on_surface(v)) try_contraction(v, u, best);
+    if (!tets_.is_on_surface(v)) try_contractions(v, tet, best);
   return best;
 }
 

@@ -38,7 +38,12 @@ class ChangeFinder {
 
  private:
   void try_face_flip(std::int32_t t, std::size_t k, TetChange& best) const;
-  void try_contraction(std::int32_t v, std::int32_t u, TetChange& best);
+  void try_contractions(std::int32_t v, const OpenTets::Tet& t, TetChange& best);
+  void try_contraction(std::int32_t v,
+                       std::int32_t u,
+                       const TetQuality& before,
+                       double floor,
+                       TetChange& best) const;
   void offer(TetChange&& change, const TetQuality& before, TetChange& best) const;
 
   const OpenTets& tets_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/tet/open_tets.h"
 
+#include "cvmesh/core/id_bits.h"
 #include "cvmesh/core/parallel.h"
 
 #include <algorithm>
@@ -29,6 +30,11 @@ Face sorted_face(const Tet& tet, std::size_t k) {
   return sorted({tet[f[0]], tet[f[1]], tet[f[2]]});
 }
 
+/// As `==`, which calls a function of the C library for it.
+bool are_same(const Face& a, const Face& b) {
+  return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
+}
+
 }  // namespace
 
 OpenTets::OpenTets(TetMesh& mesh)
@@ -46,7 +52,7 @@ void OpenTets::connect() {
     std::int32_t owner;  // 4 tet + face; kNone for a facet, which so comes first
 
     bool operator<(const Record& other) const {
-      return face != other.face ? face < other.face : owner < other.owner;
+      return are_same(face, other.face) ? owner < other.owner : face < other.face;
     }
   };
 
@@ -64,8 +70,8 @@ void OpenTets::connect() {
   neighbours_.assign(tets_.size(), {kNone, kNone, kNone, kNone});
   for (std::size_t i = 0; i + 1 < records.size(); ++i) {
     const std::int32_t s = records[i].owner, t = records[i + 1].owner;
-    if (s == kNone || records[i].face != records[i + 1].face) continue;
-    if (i > 0 && records[i - 1].face == records[i].face) continue;  // a facet
+    if (s == kNone || !are_same(records[i].face, records[i + 1].face)) continue;
+    if (i > 0 && are_same(records[i - 1].face, records[i].face)) continue;  // a facet
     neighbours_[at(s / 4)][at(s % 4)] = t / 4;
     neighbours_[at(t / 4)][at(t % 4)] = s / 4;
   }
@@ -111,12 +117,14 @@ void OpenTets::find_star(std::int32_t v, std::vector<std::int32_t>& star) const 
   if (tet_of_[at(v)] == kNone) return;
   star.push_back(tet_of_[at(v)]);
   // A star holds about 25 tets: looking through them costs less than marks that threads share.
+  IdBits bits(star);
   for (std::size_t i = 0; i < star.size(); ++i)
     for (std::size_t k = 0; k < 4; ++k) {
       const std::int32_t n = neighbour(star[i], k);
-      if (n != kNone && tet(star[i])[k] != v &&
-          std::find(star.begin(), star.end(), n) == star.end())
-        star.push_back(n);
+      if (n == kNone || tet(star[i])[k] == v) continue;
+      if (bits.may_hold(n) && std::find(star.begin(), star.end(), n) != star.end()) continue;
+      star.push_back(n);
+      bits.add(n);
     }
 }
 
@@ -138,7 +146,7 @@ void OpenTets::replace(const std::vector<std::int32_t>& removed, const std::vect
       const Face face = sorted_face(tet(t), k);
       std::size_t place = 0;
       if (n != kNone) {
-        while (neighbour(n, place) != t || sorted_face(tet(n), place) != face)
+        while (neighbour(n, place) != t || !are_same(sorted_face(tet(n), place), face))
           ++place;
         remember_slot(n);
       }
@@ -167,8 +175,8 @@ void OpenTets::replace(const std::vector<std::int32_t>& removed, const std::vect
       set_hint(added[i][k], t);
       mark_changed(added[i][k]);
       const Face face = sorted_face(added[i], k);
-      const auto match =
-          std::find_if(open.begin(), open.end(), [&](const Open& o) { return o.face == face; });
+      const auto match = std::find_if(open.begin(), open.end(),
+                                      [&](const Open& o) { return are_same(o.face, face); });
       if (match == open.end()) {
         open.push_back({face, t, k});
         neighbours_[at(t)][k] = kNone;
@@ -225,7 +233,7 @@ void OpenTets::find_tets_at_facets() {
         faces_at_facets_.push_back({sorted_face(tets_[t], k), static_cast<std::int32_t>(t), k});
   parallel_sort(faces_at_facets_.begin(), faces_at_facets_.end(),
                 [](const FaceOfTet& a, const FaceOfTet& b) {
-                  return a.face != b.face ? a.face < b.face : a.tet < b.tet;
+                  return are_same(a.face, b.face) ? a.tet < b.tet : a.face < b.face;
                 });
 }
 
