@@ -36,13 +36,14 @@ void FacetIndex::insert(std::int32_t id, const Box3& box) {
   std::int32_t& brick =
       level.brick_at[brick_index(level, cell[0] / kBrick, cell[1] / kBrick, cell[2] / kBrick)];
   if (brick < 0) {
-    constexpr std::size_t kCells = std::size_t{kBrick} * kBrick * kBrick;
-    brick = static_cast<std::int32_t>(cells_.size() / kCells);
-    cells_.resize(cells_.size() + kCells);
+    brick = static_cast<std::int32_t>(boxes_in_brick_.size());
+    cells_.resize(cells_.size() + kCellsOfBrick);
+    boxes_in_brick_.push_back(0);
   }
   const std::size_t place = cell_index(brick, cell);
   cells_[place].push_back({FloatBox(box), id});
   place_of_[id] = {static_cast<std::int32_t>(place), static_cast<std::int32_t>(l)};
+  ++boxes_in_brick_[brick];
   ++level.count;
 }
 
@@ -55,6 +56,7 @@ void FacetIndex::remove(std::int32_t id) {
   CVMESH_ASSERT(entry != cell.end());
   *entry = cell.back();
   cell.pop_back();
+  --boxes_in_brick_[static_cast<std::size_t>(place.cell) / kCellsOfBrick];
   --levels_[place.level].count;
   place = {};
 }

@@ -51,7 +51,7 @@ class FacetIndex {
         for (int bj = lo[1] / kBrick; bj <= hi[1] / kBrick; ++bj)
           for (int bi = lo[0] / kBrick; bi <= hi[0] / kBrick; ++bi) {
             const std::int32_t brick = level.brick_at[brick_index(level, bi, bj, bk)];
-            if (brick < 0) continue;
+            if (brick < 0 || boxes_in_brick_[brick] == 0) continue;
             const auto for_each_cell = [&](const auto& look_into) {
               for (int k = std::max(lo[2], bk * kBrick); k <= std::min(hi[2], bk * kBrick + kLast);
                    ++k)
@@ -74,6 +74,7 @@ class FacetIndex {
  private:
   static constexpr int kBrick = 4;  // cells along a side
   static constexpr int kLast = kBrick - 1;
+  static constexpr std::size_t kCellsOfBrick = std::size_t{kBrick} * kBrick * kBrick;
   using Cell = std::array<int, 3>;
   // A vector extension that GCC and Clang share.
   using Lanes [[gnu::vector_size(16)]] = float;
@@ -116,8 +117,7 @@ class FacetIndex {
 
   static std::size_t cell_index(std::int32_t brick, const Cell& cell) {
     const int local = ((cell[2] % kBrick) * kBrick + cell[1] % kBrick) * kBrick + cell[0] % kBrick;
-    return static_cast<std::size_t>(brick) * (kBrick * kBrick * kBrick) +
-           static_cast<std::size_t>(local);
+    return static_cast<std::size_t>(brick) * kCellsOfBrick + static_cast<std::size_t>(local);
   }
 
   [[nodiscard]] Cell cell_at(const Level& level, const Vec3& p) const {
@@ -135,8 +135,9 @@ class FacetIndex {
 
   Vec3 origin_;
   std::vector<Level> levels_;
-  std::vector<std::vector<Entry>> cells_;  // of all bricks
-  std::vector<Place> place_of_;            // by id
+  std::vector<std::vector<Entry>> cells_;      // of all bricks
+  std::vector<std::uint32_t> boxes_in_brick_;  // where surfaces thin out, most have none left
+  std::vector<Place> place_of_;                // by id
 };
 
 }  // namespace cvmesh

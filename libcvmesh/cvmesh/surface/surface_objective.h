@@ -35,8 +35,13 @@ struct SurfaceObjective {
                                   const Vec3& b,
                                   const Vec3& c,
                                   double distance_mm) const {
+    return facet_term(triangle_quality(a, b, c), distance_mm);
+  }
+
+  /// The same for a facet of known quality.
+  [[nodiscard]] double facet_term(double quality, double distance_mm) const {
     const double excess = std::max(0.0, distance_mm / deviation_mm - 1);
-    return excess * excess + shape_term(triangle_quality(a, b, c));
+    return excess * excess + shape_term(quality);
   }
 
   /// The other direction: how far the middle of a facet and that of its longest edge are from the

@@ -108,7 +108,7 @@ class RingSolver {
       return problem_.samples.empty() ? 0 : nearest;
     };
     farthest = std::max(farthest, objective_.bridge_mm(a, b, c, nearest_mm2, problem_.spacing_mm));
-    cost += objective_.facet_term(a, b, c, farthest);
+    cost += objective_.facet_term(quality, farthest);
     return true;
   }
 
