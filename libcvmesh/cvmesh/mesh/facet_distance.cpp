@@ -83,7 +83,10 @@ SharedFirst shared_first(const std::vector<Vec3>& points,
     both.q[k] = points[static_cast<std::size_t>(t[order_t[k]])];
   }
   // The shared ones of t are those of s, in their order.
-  if (both.shared == 2) both.q[0] = both.p[0], both.q[1] = both.p[1];
+  if (both.shared == 2) {
+    both.q[0] = both.p[0];
+    both.q[1] = both.p[1];
+  }
   return both;
 }
 

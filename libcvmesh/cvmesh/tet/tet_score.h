@@ -54,8 +54,10 @@ struct TetTerms {
     const V face_b = cross(w, base.v), face_c = cross(base.u, w);
     const V face_a = -(face_b + face_c + base.face_d);
     volume = -dot(base.u, face_b);
-    area2_a = squared_norm(face_a), area2_b = squared_norm(face_b);
-    area2_c = squared_norm(face_c), area2_d = base.area2_d;
+    area2_a = squared_norm(face_a);
+    area2_b = squared_norm(face_b);
+    area2_c = squared_norm(face_c);
+    area2_d = base.area2_d;
     const Real &ab = base.ab, &ac = base.ac, &bc = base.bc;
     const Real ad = squared_norm(w), bd = squared_norm(d - base.b), cd = squared_norm(d - base.c);
     // sin(dihedral at edge e) = 3 V |e| / (2 A B), A and B the areas of the two faces on e: in six
@@ -64,7 +66,9 @@ struct TetTerms {
     at_edge = {ab * area2_a * area2_b, ac * area2_a * area2_c, ad * area2_a * area2_d,
                bc * area2_b * area2_c, bd * area2_b * area2_d, cd * area2_c * area2_d};
     product = (area2_a * area2_b) * (area2_c * area2_d);
-    opposite_ab = ab * cd, opposite_ac = ac * bd, opposite_ad = ad * bc;
+    opposite_ab = ab * cd;
+    opposite_ac = ac * bd;
+    opposite_ad = ad * bc;
   }
 
   /// Heron's product of the products of opposite edges: 24 V R is its root.
