@@ -15,6 +15,7 @@
 #include <utility>
 
 namespace cvmesh {
+
 MaterialSurfaces::MaterialSurfaces(const InterfaceMesh& mesh, std::size_t material_count)
     : meshes_(material_count), points_(mesh.points), copies_(mesh.points.size()) {
   facets_.resize(mesh.facets.size());
