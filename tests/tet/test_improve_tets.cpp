@@ -4,7 +4,9 @@
 #include "cvmesh/tet/angle_bounds.h"
 #include "cvmesh/tet/cavity.h"
 #include "cvmesh/tet/improve_tets.h"
+#include "cvmesh/tet/open_gaps.h"
 #include "cvmesh/tet/open_tets.h"
+#include "cvmesh/tet/refine_surface.h"
 #include "cvmesh/tet/tet_score.h"
 #include "cvmesh/tet/tetrahedralize.h"
 
@@ -395,6 +397,57 @@ TEST_CASE("improve_tets: vertices move where the exterior is narrower than the r
   CHECK(stats.after.min_deg > stats.before.min_deg + 1);
   CHECK(std::max(mesh.points[0].z, mesh.points[1].z) < 0.02 + gap);
   CHECK(find_intersections(mesh.surface).empty());
+}
+
+TEST_CASE("GapOpener: a move that is barred goes in part, where it may", "[tet][unit]") {
+  // One end of the upper edge would rise by far more than the gap above it.
+  const double height = 0.02, gap = 0.03, enough = std::sin(std::numbers::pi / 12);
+  TetMesh start = flat_roof(height, false);
+  add_ceiling(start, height + gap);
+  std::vector<bool> is_frozen(start.surface.points.size(), true);
+  is_frozen[0] = false;
+  const auto opened = [&](GapOpener::Barred barred) {
+    TetMesh mesh = start;
+    OpenTets tets(mesh);
+    GapOpener opener(tets, start.surface.points, is_frozen, 0.5, enough, 100);
+    opener.open(1, barred);
+    tets.close();
+    return mesh;
+  };
+  const auto flattest = [](const TetMesh& mesh) {
+    const auto& p = mesh.points;
+    return min_dihedral_sine(p[0], p[1], p[2], p[3]);
+  };
+  CHECK(opened(GapOpener::Barred::Stays).points == start.points);
+  const TetMesh mesh = opened(GapOpener::Barred::GoesInPart);
+  CHECK(flattest(mesh) > 1.2 * flattest(start));
+  CHECK(mesh.points[0].z > height);
+  CHECK(mesh.points[0].z < height + gap);
+  CHECK(find_intersections(mesh.surface).empty());
+  const Validation validation = validate(mesh, 3);
+  INFO(validation.summary());
+  CHECK(validation.is_valid());
+}
+
+TEST_CASE("refine_surface: where no edge is split, vertices move as far as they may",
+          "[tet][unit]") {
+  TetMesh mesh = flat_roof(0.02, false);
+  add_ceiling(mesh, 0.05);
+  const TetMesh start = mesh;
+  ImproveTetsOptions options;
+  options.max_vertex_shift_mm = 0.5;
+  options.max_splits_per_vertex = 1;
+  options.min_split_edge_mm = 100;
+  ImproveTetsStats stats;
+  refine_surface(mesh, start.surface.points, options, silent_context(), stats);
+  CHECK(stats.edge_splits == 0);
+  CHECK(stats.shifted_vertices > 0);
+  CHECK(stats.max_vertex_shift_mm == longest_shift(mesh, start.surface));
+  CHECK(stats.after.poor == 0);
+  CHECK(find_intersections(mesh.surface).empty());
+  const Validation validation = validate(mesh, 3);
+  INFO(validation.summary());
+  CHECK(validation.is_valid());
 }
 
 TEST_CASE(

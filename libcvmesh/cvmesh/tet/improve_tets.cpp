@@ -120,7 +120,7 @@ ImproveTetsStats improve_tets(TetMesh& mesh,
   else
     stats.before = improver.measure();
   improve_in_passes(improver, {}, options, context, stats);
-  improver.open_gaps(home, {}, options.max_vertex_shift_mm, stats);
+  improver.open_gaps(home, {}, options.max_vertex_shift_mm, GapOpener::Barred::Stays, stats);
   stats.after = improver.measure();
   improver.close();
   if (stats.after.poor == 0 || !(options.max_splits_per_vertex > 0)) return stats;

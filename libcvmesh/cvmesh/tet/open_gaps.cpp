@@ -32,6 +32,8 @@ constexpr double kOuterAngleKept = 0.5;
 /// what is left after so many halvings.
 constexpr double kClearance = 0.01;
 constexpr int kClearanceHalvings = 3;
+/// Of a move that is barred.
+constexpr int kMostHalvingsOfWay = 5;
 
 std::size_t at(std::int32_t index) {
   return static_cast<std::size_t>(index);
@@ -76,7 +78,7 @@ GapOpener::GapOpener(OpenTets& tets,
     if (is_frozen[v]) is_fixed_[v] = {true, true, true};
 }
 
-std::size_t GapOpener::open(double share) {
+std::size_t GapOpener::open(double share, Barred barred) {
   reach_ = share * max_shift_;
   std::fill(tried_.begin(), tried_.end(), 0);  // in vain, with a shorter reach
   tets_.find_facets_at_points();
@@ -85,14 +87,14 @@ std::size_t GapOpener::open(double share) {
   points_.emplace_back();
   std::size_t moves = 0;
   for (int round = 0; round < kMostRounds; ++round) {
-    const std::size_t now = open_once();
+    const std::size_t now = open_once(barred);
     if (now == 0) break;
     moves += now;
   }
   return moves;
 }
 
-std::size_t GapOpener::open_once() {
+std::size_t GapOpener::open_once(Barred barred) {
   std::size_t moves = 0;
   tried_.resize(tets_.point_count(), 0);
   for (Star& star : stars_of_poor_tets()) {
@@ -102,8 +104,8 @@ std::size_t GapOpener::open_once() {
     sort(star);
     if (star.worst >= enough_) continue;
     --tries_left_;
-    const Vec3 p = find_place(star);
-    if (p == tets_.point(star.v) || !keeps_shapes(star, p) || !is_free(star, p)) continue;
+    const Vec3 p = allowed_place(star, find_place(star), barred);
+    if (p == tets_.point(star.v)) continue;
     move(star, p);
     ++moves;
   }
@@ -236,6 +238,20 @@ Vec3 GapOpener::find_place(const Star& star) const {
     (lack_at(star, start + share * (best - start), floor) == 0 ? enough : little) = share;
   }
   return enough < 1 ? start + enough * (best - start) : best;
+}
+
+Vec3 GapOpener::allowed_place(const Star& star, const Vec3& p, Barred barred) {
+  const Vec3 start = tets_.point(star.v);
+  const double bound = (1 - kLeastGain) * lack_at(star, start, -kInfinity);
+  const double floor = std::max(star.worst, kLeastSine);
+  Vec3 place = p;
+  for (int halving = 0; place != start; ++halving) {
+    if (keeps_shapes(star, place) && is_free(star, place)) return place;
+    if (barred == Barred::Stays || halving == kMostHalvingsOfWay) break;
+    place = 0.5 * (start + place);
+    if (!(lack_at(star, place, floor) <= bound)) break;
+  }
+  return start;
 }
 
 bool GapOpener::keeps_shapes(const Star& star, const Vec3& p) const {

@@ -31,6 +31,10 @@ std::pair<std::size_t, double> shifts_from(const std::vector<Vec3>& home,
 /// the exterior, the space that its facets sweep must hold no other facet.
 class GapOpener {
  public:
+  /// Of a move that the rest of the surface bars: none, or a part of it, down to a 32nd. A part
+  /// often is enough, as what bars the move is itself as near as the tets are flat.
+  enum class Barred { Stays, GoesInPart };
+
   /// @param tets        is referred to
   /// @param home        where the surface's vertices were at first
   /// @param is_frozen   those of them that stay; the first ones, others do not
@@ -44,7 +48,7 @@ class GapOpener {
 
   /// Rounds of moves until none helps, by at most a share of `max_shift_mm`; returns how many moves
   /// there were. A short reach first lets neighbours share what has to be done.
-  std::size_t open(double share);
+  std::size_t open(double share, Barred barred = Barred::Stays);
 
  private:
   using Tet = OpenTets::Tet;
@@ -59,7 +63,7 @@ class GapOpener {
     double edge = 0;   ///< mean length
   };
 
-  std::size_t open_once();
+  std::size_t open_once(Barred barred);
   [[nodiscard]] std::vector<Star> stars_of_poor_tets() const;
   void sort(Star& star) const;
   [[nodiscard]] double sine_at(const Star& star, std::size_t tet, const Vec3& p) const;
@@ -69,6 +73,9 @@ class GapOpener {
   [[nodiscard]] Vec3 descent(const Star& star, const Vec3& p, double step) const;
   [[nodiscard]] Vec3 within_reach(const Star& star, const Vec3& p) const;
   [[nodiscard]] Vec3 find_place(const Star& star) const;
+  /// A place on the way to p, p itself first, that is allowed; where the vertex is if there is
+  /// none.
+  Vec3 allowed_place(const Star& star, const Vec3& p, Barred barred);
   [[nodiscard]] bool keeps_shapes(const Star& star, const Vec3& p) const;
   /// False where the outer surface around the vertex could meet itself on the way to p.
   bool is_free(const Star& star, const Vec3& p);

@@ -102,7 +102,7 @@ std::optional<Refined> split_and_improve(Refined refined,
     improver.insert(stats);
   }
   improver.mend(stats);
-  improver.open_gaps(home, is_frozen, options.max_vertex_shift_mm, stats);
+  improver.open_gaps(home, is_frozen, options.max_vertex_shift_mm, GapOpener::Barred::Stays, stats);
   stats.after = improver.measure();
   improver.close();
   poor = find_poor_tets(mesh, lack);
@@ -141,26 +141,17 @@ std::vector<std::int32_t> where_it_helped(const Refined& before, const Refined& 
   return helped;
 }
 
-}  // namespace
-
-void refine_surface(TetMesh& mesh,
-                    const std::vector<Vec3>& home,
-                    const ImproveTetsOptions& options,
-                    const StageContext& context,
-                    ImproveTetsStats& stats) {
-  const auto most =
-      static_cast<std::size_t>(options.max_splits_per_vertex * static_cast<double>(home.size()));
-  double lack = 0;
-  const std::vector<std::int32_t> poor = find_poor_tets(mesh, lack);
-  TetPart part(mesh, poor, kRings, kReachOverShift * options.max_vertex_shift_mm);
-  std::vector<Vec3> home_of_part = part.of_surface(home);
-  Refined refined{std::move(part.mesh), std::move(home_of_part), stats};
-  refined.poor = find_poor_tets(refined.mesh, refined.lack);
-  context.log->debug("{}: {} of {} tets are around {} poor ones", kStage, refined.mesh.tets.size(),
-                     mesh.tets.size(), poor.size());
+/// Splits edges in rounds; see `refine_surface`.
+/// @return  whether what is kept is not what was given
+bool refine_in_rounds(Refined& refined,
+                      const std::vector<bool>& is_frozen,
+                      std::size_t most_splits,
+                      const ImproveTetsOptions& options,
+                      const StageContext& context) {
+  const std::size_t splits_before = refined.stats.edge_splits;
   const auto attempt = [&](const std::vector<std::int32_t>& wanted) {
-    auto tried = split_and_improve(refined, wanted, part.is_frozen,
-                                   most - refined.stats.edge_splits, options, context);
+    auto tried = split_and_improve(refined, wanted, is_frozen,
+                                   most_splits - refined.stats.edge_splits, options, context);
     if (tried)
       context.log->debug(
           "{}: {} edges of the surface split, {} poor tets instead of {}, lacking {:.3g} instead "
@@ -171,7 +162,8 @@ void refine_surface(TetMesh& mesh,
   };
   std::optional<Refined> best;  // where it is not `refined`
   int rounds = 0, in_vain = 0;
-  while (rounds++ < kMostRounds && in_vain <= kMostInVain && refined.stats.edge_splits < most) {
+  while (rounds++ < kMostRounds && in_vain <= kMostInVain &&
+         refined.stats.edge_splits < most_splits) {
     auto tried = attempt(refined.poor);
     if (!tried) break;
     const Refined& to_beat = best ? *best : refined;
@@ -189,13 +181,84 @@ void refine_surface(TetMesh& mesh,
     refined = std::move(*tried);
   }
   if (best) refined = std::move(*best);
+  return refined.stats.edge_splits > splits_before;
+}
+
+/// Opens gaps by moves that are barred as a whole.
+/// @return  whether less is lacking; else `refined` must not be used any more
+bool open_barred_gaps(Refined& refined,
+                      const std::vector<bool>& is_frozen,
+                      const ImproveTetsOptions& options,
+                      const StageContext& context) {
+  auto& [mesh, home, stats, poor, lack] = refined;
+  const double lack_before = lack;
+  const std::size_t count_before = poor.size();
+  TetImprover improver(mesh, options, context);
+  improver.open_gaps(home, is_frozen, options.max_vertex_shift_mm, GapOpener::Barred::GoesInPart,
+                     stats);
+  improver.close();
+  poor = find_poor_tets(mesh, lack);
+  context.log->debug(
+      "{}: {} poor tets instead of {} by moves in part, lacking {:.3g} instead of {:.3g}", kStage,
+      poor.size(), count_before, lack, lack_before);
+  return lack < lack_before;
+}
+
+/// Cuts out what is around some tets, lets `work(Refined&, is_frozen)` change it, and puts it back
+/// if that returns true.
+/// @param home  grows with the surface's vertices
+template <typename Work>
+void work_around(TetMesh& mesh,
+                 const std::vector<std::int32_t>& tets,
+                 std::vector<Vec3>& home,
+                 double max_vertex_shift_mm,
+                 ImproveTetsStats& stats,
+                 const Work& work) {
+  TetPart part(mesh, tets, kRings, kReachOverShift * max_vertex_shift_mm);
+  std::vector<Vec3> home_of_part = part.of_surface(home);
+  Refined refined{std::move(part.mesh), std::move(home_of_part), stats};
+  refined.poor = find_poor_tets(refined.mesh, refined.lack);
+  if (!work(refined, part.is_frozen)) return;
   stats = refined.stats;
   part.mesh = std::move(refined.mesh);
   part.put_back(mesh);
+  home.insert(home.end(), refined.home.begin() + static_cast<std::ptrdiff_t>(part.is_frozen.size()),
+              refined.home.end());
+}
+
+}  // namespace
+
+void refine_surface(TetMesh& mesh,
+                    const std::vector<Vec3>& home,
+                    const ImproveTetsOptions& options,
+                    const StageContext& context,
+                    ImproveTetsStats& stats) {
+  const auto most =
+      static_cast<std::size_t>(options.max_splits_per_vertex * static_cast<double>(home.size()));
   std::vector<Vec3> homes = home;
-  homes.insert(homes.end(),
-               refined.home.begin() + static_cast<std::ptrdiff_t>(part.is_frozen.size()),
-               refined.home.end());
+  const auto find_poor = [&] {
+    double lack = 0;
+    return find_poor_tets(mesh, lack);
+  };
+  const auto refine = [&](const std::vector<std::int32_t>& tets) {
+    work_around(mesh, tets, homes, options.max_vertex_shift_mm, stats,
+                [&](Refined& refined, const std::vector<bool>& is_frozen) {
+                  context.log->debug("{}: {} of {} tets are around {} poor ones", kStage,
+                                     refined.mesh.tets.size(), mesh.tets.size(), tets.size());
+                  return refine_in_rounds(refined, is_frozen, most, options, context);
+                });
+  };
+  refine(find_poor());
+  if (const std::vector<std::int32_t> left = find_poor(); !left.empty()) {
+    bool is_better = false;
+    work_around(mesh, left, homes, options.max_vertex_shift_mm, stats,
+                [&](Refined& refined, const std::vector<bool>& is_frozen) {
+                  is_better = open_barred_gaps(refined, is_frozen, options, context);
+                  return is_better;
+                });
+    // What could not be helped may have lacked so much that no gain elsewhere counted beside it.
+    if (is_better) refine(find_poor());
+  }
   std::tie(stats.shifted_vertices, stats.max_vertex_shift_mm) = shifts_from(homes, mesh.surface);
   OpenTets tets(mesh);
   stats.after = measure_dihedral_angles(tets);

@@ -4,7 +4,6 @@
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/tet/cavity.h"
-#include "cvmesh/tet/open_gaps.h"
 
 #include <algorithm>
 #include <cmath>
@@ -130,12 +129,13 @@ void TetImprover::shed(double max_shift,
 void TetImprover::open_gaps(const std::vector<Vec3>& home,
                             const std::vector<bool>& is_frozen,
                             double max_shift,
+                            GapOpener::Barred barred,
                             ImproveTetsStats& stats) {
   if (!(max_shift > 0)) return;
   const double poor = std::sin(kOpenGapsBelowDeg * kDegree);
   GapOpener gaps(tets_, home, is_frozen, max_shift, poor, most_tries_);
   for (const double share : {0.25, 0.5, 1.0, 1.0}) {
-    if (gaps.open(share) == 0) continue;
+    if (gaps.open(share, barred) == 0) continue;
     mend(stats);
     if (share < 1 || !(insert_below_ > 0)) continue;
     failures_.clear();  // there is room where there was none

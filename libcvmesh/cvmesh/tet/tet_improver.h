@@ -5,6 +5,7 @@
 #include "cvmesh/tet/find_changes.h"
 #include "cvmesh/tet/find_moves.h"
 #include "cvmesh/tet/improve_tets.h"
+#include "cvmesh/tet/open_gaps.h"
 #include "cvmesh/tet/open_tets.h"
 #include "cvmesh/tet/tet_goal.h"
 
@@ -64,6 +65,7 @@ class TetImprover {
   void open_gaps(const std::vector<Vec3>& home,
                  const std::vector<bool>& is_frozen,
                  double max_shift,
+                 GapOpener::Barred barred,
                  ImproveTetsStats& stats);
 
  private:
