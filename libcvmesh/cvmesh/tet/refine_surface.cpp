@@ -27,6 +27,9 @@ constexpr double kDegree = std::numbers::pi / 180;
 /// Rounds of splits. Some in a row may be in vain: what one leaves poor, the next may mend (femur
 /// at 21,393 vertices: 10 poor tets with none in vain, 6 with three, 0 with five).
 constexpr int kMostRounds = 24, kMostInVain = 5;
+/// Tets of a round in which new vertices are tried, and for each split edge. A femur's rounds ask
+/// for up to 220 a split, and one of a single split for 463; in noise each try makes others poor.
+constexpr std::size_t kTriesPerRound = 500, kTriesPerSplit = 250;
 
 /// Rings of vertices around the poor tets that take part. With eight the tets of a femur and a
 /// torso are the same as if all took part, with four they are not.
@@ -90,11 +93,13 @@ std::optional<Refined> split_and_improve(Refined refined,
   const std::vector<std::int32_t> touched =
       split_surface_edges(mesh, wanted, is_frozen, options.min_split_edge_mm, most);
   if (touched.empty()) return std::nullopt;
-  stats.edge_splits += mesh.surface.points.size() - home.size();
+  const std::size_t splits = mesh.surface.points.size() - home.size();
+  stats.edge_splits += splits;
   home.insert(home.end(), mesh.surface.points.begin() + static_cast<std::ptrdiff_t>(home.size()),
               mesh.surface.points.end());
   TetImprover improver(mesh, options, context);
-  improver.look_only_at(touched, options.few_insertion_tries);
+  improver.look_only_at(
+      touched, std::min(options.few_insertion_tries, kTriesPerRound + kTriesPerSplit * splits));
   for (int pass = 0; pass < kPasses; ++pass) {
     improver.mend(stats);
     improver.flip(stats);
@@ -154,9 +159,11 @@ bool refine_in_rounds(Refined& refined,
                                    most_splits - refined.stats.edge_splits, options, context);
     if (tried)
       context.log->debug(
-          "{}: {} edges of the surface split, {} poor tets instead of {}, lacking {:.3g} instead "
-          "of {:.3g}",
-          kStage, tried->stats.edge_splits - refined.stats.edge_splits, tried->poor.size(),
+          "{}: {} edges of the surface split, {} insertions of {} tried, {} poor tets instead of "
+          "{}, lacking {:.3g} instead of {:.3g}",
+          kStage, tried->stats.edge_splits - refined.stats.edge_splits,
+          tried->stats.insertions - refined.stats.insertions,
+          tried->stats.insertion_tries - refined.stats.insertion_tries, tried->poor.size(),
           refined.poor.size(), tried->lack, refined.lack);
     return tried;
   };
