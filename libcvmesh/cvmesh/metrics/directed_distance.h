@@ -328,7 +328,7 @@ class Direction {
     const Sides sides = from_.sides(piece.shape);
     if (!(scratch.guess_sides == sides)) scratch.guess = {scratch.guess[0], -1, -1, -1};
     scratch.guess_sides = sides;
-    find_nearest(outline, scratch.guess[0], scratch);
+    find_nearest(scratch.guess[0], scratch);
     store(outline, scratch.nearest, scratch, chunk);
     piece.is_split = std::any_of(scratch.nearest.begin(), scratch.nearest.end(),
                                  [&](const Hit& hit) { return !(to_.sides(hit.shape) == sides); });
@@ -372,9 +372,11 @@ class Direction {
   // The shapes nearest to the samples of a piece. All samples are measured to one shape after the
   // other: to the one that was nearest to the last piece, then to those of the tree that may be
   // nearer to any of them. The part of the tree where they are serves the pieces around too.
-  void find_nearest(const FlatPiece& outline, std::int64_t& guess, Scratch& scratch) const {
+  void find_nearest(std::int64_t& guess, Scratch& scratch) const {
     pair_samples(scratch);
-    const Box3 box = box_of(outline);
+    Box3 box;  // a good deal smaller than the piece's own
+    for (const Vec3& p : scratch.points)
+      box.add(p);
     Around& around = scratch.around;
     double farthest2 = guess < 0 ? kInfinity : measure_to(guess, scratch);
     const auto search_around = [&] {
