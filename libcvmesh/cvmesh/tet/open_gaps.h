@@ -48,7 +48,7 @@ class GapOpener {
 
   /// Rounds of moves until none helps, by at most a share of `max_shift_mm`; returns how many moves
   /// there were. A short reach first lets neighbours share what has to be done.
-  std::size_t open(double share, Barred barred = Barred::Stays);
+  std::size_t open(double share, Barred barred);
 
  private:
   using Tet = OpenTets::Tet;
@@ -73,8 +73,7 @@ class GapOpener {
   [[nodiscard]] Vec3 descent(const Star& star, const Vec3& p, double step) const;
   [[nodiscard]] Vec3 within_reach(const Star& star, const Vec3& p) const;
   [[nodiscard]] Vec3 find_place(const Star& star) const;
-  /// A place on the way to p, p itself first, that is allowed; where the vertex is if there is
-  /// none.
+  /// The first place that is allowed on the way back from p; where the vertex is if there is none.
   Vec3 allowed_place(const Star& star, const Vec3& p, Barred barred);
   [[nodiscard]] bool keeps_shapes(const Star& star, const Vec3& p) const;
   /// False where the outer surface around the vertex could meet itself on the way to p.

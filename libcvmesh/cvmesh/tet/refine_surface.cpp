@@ -203,6 +203,7 @@ bool open_barred_gaps(Refined& refined,
   TetImprover improver(mesh, options, context);
   improver.open_gaps(home, is_frozen, options.max_vertex_shift_mm, GapOpener::Barred::GoesInPart,
                      stats);
+  stats.after = improver.measure();
   improver.close();
   poor = find_poor_tets(mesh, lack);
   context.log->debug(
