@@ -26,6 +26,8 @@ namespace cvmesh {
 /// - a surface edge flips under a tet that lies flat between its two facets. The tet goes over to
 ///   the other material and must vanish there by an edge removal. The surface moves by less than
 ///   `max_surface_shift_mm` and keeps its vertices, its patches and its topology;
+/// - vertices of the surface move by at most `max_vertex_shift_mm` where it presses tets flat
+///   (`GapOpener`);
 /// - last, where tets are still poor, the longest edges that they have on the surface are split in
 ///   their middles: what is flat is so only for as long as its edges are much longer than the gap
 ///   between two sheets. The state in which the tets lack least is kept (`refine_surface`).

@@ -215,8 +215,9 @@ bool open_barred_gaps(Refined& refined,
 /// Cuts out what is around some tets, lets `work(Refined&, is_frozen)` change it, and puts it back
 /// if that returns true.
 /// @param home  grows with the surface's vertices
+/// @return      what `work` returned
 template <typename Work>
-void work_around(TetMesh& mesh,
+bool work_around(TetMesh& mesh,
                  const std::vector<std::int32_t>& tets,
                  std::vector<Vec3>& home,
                  double max_vertex_shift_mm,
@@ -226,12 +227,13 @@ void work_around(TetMesh& mesh,
   std::vector<Vec3> home_of_part = part.of_surface(home);
   Refined refined{std::move(part.mesh), std::move(home_of_part), stats};
   refined.poor = find_poor_tets(refined.mesh, refined.lack);
-  if (!work(refined, part.is_frozen)) return;
+  if (!work(refined, part.is_frozen)) return false;
   stats = refined.stats;
   part.mesh = std::move(refined.mesh);
   part.put_back(mesh);
   home.insert(home.end(), refined.home.begin() + static_cast<std::ptrdiff_t>(part.is_frozen.size()),
               refined.home.end());
+  return true;
 }
 
 }  // namespace
@@ -257,16 +259,15 @@ void refine_surface(TetMesh& mesh,
                 });
   };
   refine(find_poor());
-  if (const std::vector<std::int32_t> left = find_poor(); !left.empty()) {
-    bool is_better = false;
-    work_around(mesh, left, homes, options.max_vertex_shift_mm, stats,
-                [&](Refined& refined, const std::vector<bool>& is_frozen) {
-                  is_better = open_barred_gaps(refined, is_frozen, options, context);
-                  return is_better;
-                });
-    // What could not be helped may have lacked so much that no gain elsewhere counted beside it.
-    if (is_better) refine(find_poor());
-  }
+  const std::vector<std::int32_t> left = find_poor();
+  const bool is_better =
+      !left.empty() && options.max_vertex_shift_mm > 0 &&
+      work_around(mesh, left, homes, options.max_vertex_shift_mm, stats,
+                  [&](Refined& refined, const std::vector<bool>& is_frozen) {
+                    return open_barred_gaps(refined, is_frozen, options, context);
+                  });
+  // What could not be helped may have lacked so much that no gain elsewhere counted beside it.
+  if (is_better) refine(find_poor());
   std::tie(stats.shifted_vertices, stats.max_vertex_shift_mm) = shifts_from(homes, mesh.surface);
   OpenTets tets(mesh);
   stats.after = measure_dihedral_angles(tets);

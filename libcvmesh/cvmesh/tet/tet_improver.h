@@ -62,6 +62,8 @@ class TetImprover {
   /// Moves vertices of the surface where it presses tets flat, with flips for what they allow.
   /// @param home       where these vertices were at first
   /// @param is_frozen  those that stay; the first ones, others do not
+  /// @param max_shift  mm, how far from `home` they may get; 0: none moves
+  /// @param barred     what becomes of moves that the rest of the surface bars
   void open_gaps(const std::vector<Vec3>& home,
                  const std::vector<bool>& is_frozen,
                  double max_shift,
