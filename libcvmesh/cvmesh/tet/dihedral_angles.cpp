@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/tet/dihedral_angles.h"
 
+#include "cvmesh/core/parallel.h"
 #include "cvmesh/tet/angle_bounds.h"
 #include "cvmesh/tet/open_tets.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
-#include <optional>
-#include <utility>
+#include <vector>
 
 namespace cvmesh {
 namespace {
@@ -80,43 +81,82 @@ double bound_of(const OpenTets& tets, std::int32_t t, const AngleBounds& bounds)
   return least < kPoorMinDeg ? least : 0;
 }
 
+/// What is told of a poor tet; its bound is looked for in the surface.
+PoorTet poor_tet(const OpenTets& tets, std::int32_t t, const AngleBounds& bounds) {
+  const std::array<double, 6> angles = angles_of(tets, t);
+  const auto [min, max] = std::minmax_element(angles.begin(), angles.end());
+  PoorTet poor{{}, tets.material(t), *min, *max, 0, bound_of(tets, t, bounds)};
+  for (const std::int32_t v : tets.tet(t))
+    poor.position += tets.point(v) / 4;
+  double wedge = kNarrowWedgeDeg;
+  for (std::size_t e = 0; e < 6; ++e)
+    wedge = std::min(wedge, wedge_at(tets, t, e));
+  if (wedge < kNarrowWedgeDeg) poor.wedge_deg = wedge;
+  return poor;
+}
+
+/// Collects the smallest and the largest angle, and tells which tets cannot change them.
+class Extremes {
+ public:
+  void add(double min_deg, double max_deg) {
+    if (min_deg >= min_deg_ && max_deg <= max_deg_) return;
+    min_deg_ = std::min(min_deg_, min_deg);
+    max_deg_ = std::max(max_deg_, max_deg);
+    constexpr double kRounding = 1e-9;
+    const double narrowest = std::max({min_deg_, 180 - max_deg_, 180 - kPoorMaxDeg});
+    if (narrowest < 90) inside_ = std::sin(narrowest * kDegree) + kRounding;
+  }
+
+  /// Neither poor nor beyond what was collected.
+  [[nodiscard]] bool are_beyond(const TetScore& score) const { return score.min_sine >= inside_; }
+
+  [[nodiscard]] double min_deg() const { return min_deg_; }
+
+  [[nodiscard]] double max_deg() const { return max_deg_; }
+
+ private:
+  double min_deg_ = 180, max_deg_ = 0;
+  double inside_ = std::numeric_limits<double>::infinity();
+};
+
 }  // namespace
 
 DihedralAngles measure_dihedral_angles(const OpenTets& tets) {
-  DihedralAngles result;
-  std::optional<AngleBounds> bounds;
-  const auto add_free = [&](double min_deg, double max_deg) {
-    result.min_outside_wedges_deg = std::min(result.min_outside_wedges_deg, min_deg);
-    result.max_outside_wedges_deg = std::max(result.max_outside_wedges_deg, max_deg);
-  };
+  Extremes all, outside_wedges;
+  std::vector<std::int32_t> poor;
   for (std::int32_t t = 0; static_cast<std::size_t>(t) < tets.slot_count(); ++t) {
-    if (tets.is_removed(t)) continue;
+    if (tets.is_removed(t) || outside_wedges.are_beyond(tets.score(t))) continue;
     const std::array<double, 6> angles = angles_of(tets, t);
     const auto [min, max] = std::minmax_element(angles.begin(), angles.end());
-    result.min_deg = std::min(result.min_deg, *min);
-    result.max_deg = std::max(result.max_deg, *max);
-    if (*min >= kPoorMinDeg && *max <= kPoorMaxDeg) {
-      add_free(*min, *max);
+    all.add(*min, *max);
+    if (*min >= kPoorMinDeg && *max <= kPoorMaxDeg)
+      outside_wedges.add(*min, *max);
+    else
+      poor.push_back(t);
+  }
+  DihedralAngles result;
+  if (!poor.empty()) {
+    const AngleBounds bounds(tets.surface());
+    result.places.resize(poor.size());
+    parallel_for_each_index(
+        0, poor.size(), [&](std::size_t n) { result.places[n] = poor_tet(tets, poor[n], bounds); },
+        16);
+  }
+  for (const PoorTet& tet : result.places) {
+    if (tet.wedge_deg > 0) {
+      ++result.poor_in_wedges;
+      result.least_share_of_wedge =
+          std::min(result.least_share_of_wedge, tet.min_deg / tet.wedge_deg);
       continue;
     }
-    if (!bounds) bounds.emplace(tets.surface());
-    PoorTet poor{{}, tets.material(t), *min, *max, 0, bound_of(tets, t, *bounds)};
-    for (const std::int32_t v : tets.tet(t))
-      poor.position += tets.point(v) / 4;
-    double wedge = kNarrowWedgeDeg;
-    for (std::size_t e = 0; e < 6; ++e)
-      wedge = std::min(wedge, wedge_at(tets, t, e));
-    if (wedge < kNarrowWedgeDeg) {
-      poor.wedge_deg = wedge;
-      ++result.poor_in_wedges;
-      result.least_share_of_wedge = std::min(result.least_share_of_wedge, *min / wedge);
-    } else {
-      ++result.poor;
-      if (poor.bound_deg > 0) ++result.poor_bound_by_surface;
-      add_free(*min, *max);
-    }
-    result.places.push_back(poor);
+    ++result.poor;
+    if (tet.bound_deg > 0) ++result.poor_bound_by_surface;
+    outside_wedges.add(tet.min_deg, tet.max_deg);
   }
+  result.min_deg = all.min_deg();
+  result.max_deg = all.max_deg();
+  result.min_outside_wedges_deg = outside_wedges.min_deg();
+  result.max_outside_wedges_deg = outside_wedges.max_deg();
   std::stable_sort(result.places.begin(), result.places.end(),
                    [](const PoorTet& a, const PoorTet& b) { return a.min_deg < b.min_deg; });
   if (result.places.size() > DihedralAngles::kMostPlaces)

@@ -5,7 +5,11 @@
 #include "cvmesh/core/parallel.h"
 
 #include <algorithm>
+#include <compare>
+#include <cstddef>
 #include <limits>
+#include <numeric>
+#include <span>
 #include <utility>
 
 namespace cvmesh {
@@ -46,35 +50,49 @@ OpenTets::OpenTets(TetMesh& mesh)
   stamps_.assign(tets_.size(), 0);
 }
 
+/// Faces are sorted by their least vertex at first: the lists of a few dozen then fit into the
+/// cache, where one sort of all would go through the memory a score of times.
 void OpenTets::connect() {
   struct Record {
-    Face face;
-    std::int32_t owner;  // 4 tet + face; kNone for a facet, which so comes first
+    std::int32_t second, third;  // vertices, after the least one
+    std::int32_t owner;          // 4 tet + face; kNone for a facet, which so comes first
 
-    bool operator<(const Record& other) const {
-      return are_same(face, other.face) ? owner < other.owner : face < other.face;
+    auto operator<=>(const Record&) const = default;
+
+    [[nodiscard]] bool is_same_face(const Record& other) const {
+      return second == other.second && third == other.third;
     }
   };
 
-  const std::size_t facets = mesh_.surface.facets.size();
-  std::vector<Record> records(facets + 4 * tets_.size());
-  parallel_for_each_index(0, facets, [&](std::size_t f) {
-    records[f] = {sorted(mesh_.surface.facets[f]), kNone};
+  const auto for_each_face = [&](const auto& visit) {
+    for (const Face& facet : mesh_.surface.facets)
+      visit(sorted(facet), kNone);
+    for (std::size_t t = 0; t < tets_.size(); ++t)
+      for (std::size_t k = 0; k < 4; ++k)
+        visit(sorted_face(tets_[t], k), static_cast<std::int32_t>(4 * t + k));
+  };
+  const std::size_t points = mesh_.points.size();
+  std::vector<std::size_t> end(points + 1, 0);  // of the list of the vertex before
+  for_each_face([&](const Face& face, std::int32_t) { ++end[at(face[0]) + 1]; });
+  std::partial_sum(end.begin(), end.end(), end.begin());
+  std::vector<Record> records(end.back());
+  for_each_face([&](const Face& face, std::int32_t owner) {
+    records[end[at(face[0])]++] = {face[1], face[2], owner};
   });
-  parallel_for_each_index(0, tets_.size(), [&](std::size_t t) {
-    for (std::size_t k = 0; k < 4; ++k)
-      records[facets + 4 * t + k] = {sorted_face(tets_[t], k),
-                                     static_cast<std::int32_t>(4 * t + k)};
-  });
-  parallel_sort(records.begin(), records.end());
   neighbours_.assign(tets_.size(), {kNone, kNone, kNone, kNone});
-  for (std::size_t i = 0; i + 1 < records.size(); ++i) {
-    const std::int32_t s = records[i].owner, t = records[i + 1].owner;
-    if (s == kNone || !are_same(records[i].face, records[i + 1].face)) continue;
-    if (i > 0 && are_same(records[i - 1].face, records[i].face)) continue;  // a facet
-    neighbours_[at(s / 4)][at(s % 4)] = t / 4;
-    neighbours_[at(t / 4)][at(t % 4)] = s / 4;
-  }
+  parallel_for_each_index(0, points, [&](std::size_t v) {
+    const std::span<Record> list(
+        records.begin() + static_cast<std::ptrdiff_t>(v > 0 ? end[v - 1] : 0),
+        records.begin() + static_cast<std::ptrdiff_t>(end[v]));
+    std::sort(list.begin(), list.end());
+    for (std::size_t i = 0; i + 1 < list.size(); ++i) {
+      const std::int32_t s = list[i].owner, t = list[i + 1].owner;
+      if (s == kNone || !list[i].is_same_face(list[i + 1])) continue;
+      if (i > 0 && list[i - 1].is_same_face(list[i])) continue;  // a facet
+      neighbours_[at(s / 4)][at(s % 4)] = t / 4;
+      neighbours_[at(t / 4)][at(t % 4)] = s / 4;
+    }
+  });
   tet_of_.assign(mesh_.points.size(), kNone);
   for (std::size_t t = 0; t < tets_.size(); ++t)
     for (const std::int32_t v : tets_[t])
