@@ -472,25 +472,38 @@ TEST_CASE("measure_distances: a density of zero is refused", "[metrics][unit]") 
                   Error);
 }
 
+namespace {
+
+struct PointShapes {
+  std::vector<Vec3> at;
+
+  [[nodiscard]] std::size_t size() const { return at.size(); }
+
+  [[nodiscard]] Box3 box(std::size_t i) const { return {at[i], at[i]}; }
+
+  [[nodiscard]] double squared_distance(std::size_t i, const Vec3& p) const {
+    return squared_norm(at[i] - p);
+  }
+};
+
+/// Between 0 and 1.
+double noise(int i) {
+  return std::fmod(std::abs(std::sin(i) * 43758.5453), 1.0);
+}
+
+PointShapes random_points(int count) {
+  PointShapes points;
+  for (int i = 0; i < count; ++i)
+    points.at.push_back({noise(3 * i), noise(3 * i + 1), noise(3 * i + 2)});
+  return points;
+}
+
+}  // namespace
+
 TEST_CASE("ShapeTree: agrees with brute force, with any guess and any filter", "[metrics][unit]") {
-  struct Points {
-    std::vector<Vec3> at;
-
-    [[nodiscard]] std::size_t size() const { return at.size(); }
-
-    [[nodiscard]] Box3 box(std::size_t i) const { return {at[i], at[i]}; }
-
-    [[nodiscard]] double squared_distance(std::size_t i, const Vec3& p) const {
-      return squared_norm(at[i] - p);
-    }
-  };
-
   for (const int count : {0, 1, 2, 4, 5, 16, 17, 63, 300, 5000}) {
-    Points points;
-    const auto noise = [](int i) { return std::fmod(std::abs(std::sin(i) * 43758.5453), 1.0); };
-    for (int i = 0; i < count; ++i)
-      points.at.push_back({noise(3 * i), noise(3 * i + 1), noise(3 * i + 2)});
-    const ShapeTree<Points> tree(points);
+    const PointShapes points = random_points(count);
+    const ShapeTree<PointShapes> tree(points);
     const auto is_odd = [](std::size_t i) { return i % 2 == 1; };
     for (int q = 0; q < 40; ++q) {
       const Vec3 p{noise(7 * q), noise(7 * q + 1) * 2, noise(7 * q + 2)};
@@ -507,7 +520,7 @@ TEST_CASE("ShapeTree: agrees with brute force, with any guess and any filter", "
       // any box inside, however the bound shrinks.
       constexpr double kReach = 0.25;
       const Vec3 wide{0.1, 0.1, 0.1}, narrow{0.02, 0.05, 0.03};
-      ShapeTree<Points>::Region region;
+      ShapeTree<PointShapes>::Region region;
       tree.find_region({p - wide, p + wide}, kReach, region);
       double nearest = kReach * kReach;
       tree.for_each_near(region, {p, p}, nearest, [&](std::size_t i) {
@@ -527,6 +540,43 @@ TEST_CASE("ShapeTree: agrees with brute force, with any guess and any filter", "
       for (const Vec3& a : points.at)
         expected += box.contains(a) ? 1 : 0;
       CHECK(found == expected);
+    }
+  }
+}
+
+TEST_CASE("ShapeTree: marked kinds change no answer, and one that is far costs few looks",
+          "[metrics][unit]") {
+  for (const int count : {0, 1, 3, 4, 5, 17, 300, 5000}) {
+    PointShapes points = random_points(count);
+    const auto is_rare = [&](std::size_t i) { return i % 97 == 3; };
+    for (std::size_t i = 0; i < points.size(); ++i)
+      if (is_rare(i)) points.at[i].x += 5;
+    const ShapeTree<PointShapes> plain(points);
+    ShapeTree<PointShapes> marked(points);
+    marked.mark_kinds([&](std::size_t i) { return is_rare(i) ? 2U : 1U; });
+    for (int q = 0; q < 40; ++q) {
+      const Vec3 p{noise(7 * q), noise(7 * q + 1), noise(7 * q + 2)};
+      std::size_t looks = 0, marked_looks = 0;
+      const auto expected = plain.nearest(p, -1, [&](std::size_t i) {
+        ++looks;
+        return is_rare(i);
+      });
+      const auto found = marked.nearest(
+          p, -1,
+          [&](std::size_t i) {
+            ++marked_looks;
+            return is_rare(i);
+          },
+          2);
+      CHECK(found.squared_distance == expected.squared_distance);
+      CHECK(found.shape == expected.shape);
+      CHECK(marked_looks <= looks);
+      if (count == 5000) {
+        CHECK(looks >= 4900);
+        CHECK(marked_looks <= 100);
+      }
+      const auto any = [](std::size_t) { return true; };
+      CHECK(marked.nearest(p, -1, any).shape == plain.nearest(p, -1, any).shape);
     }
   }
 }

@@ -20,10 +20,14 @@ namespace cvmesh {
 /// axis, a level at a time, in parallel.
 ///
 /// `Shapes` has `size()` and `box(i)`, for `nearest` also `squared_distance(i, p)`; the tree keeps
-/// a reference to it. About 36 bytes a shape; O(n log n).
+/// a reference to it. About 36 bytes a shape, 3 more with kinds; O(n log n).
 template <typename Shapes>
 class ShapeTree {
  public:
+  /// A set of kinds of shapes: a bit for each, or for several that are not told apart.
+  using Kinds = std::uint64_t;
+  static constexpr Kinds kEveryKind = ~Kinds{0};
+
   struct Hit {
     double squared_distance = std::numeric_limits<double>::infinity();
     std::int64_t shape = -1;  ///< -1: none
@@ -43,12 +47,32 @@ class ShapeTree {
 
   [[nodiscard]] const std::vector<std::uint32_t>& order() const { return order_; }
 
+  /// Notes which kinds of shapes are where, `kinds_of(i)` being those of one shape. Without it all
+  /// shapes that are nearer than the nearest of a rare kind are looked at.
+  template <typename KindsOf>
+  void mark_kinds(const KindsOf& kinds_of) {
+    kinds_.clear();
+    for (const std::vector<Node>& level : levels_) {
+      std::vector<Kinds> kinds(level.size(), 0);
+      const std::size_t children = kinds_.empty() ? order_.size() : kinds_.back().size();
+      parallel_for_each_index(0, kinds.size(), [&](std::size_t n) {
+        for (std::size_t c = n * kWidth; c < std::min(children, (n + 1) * kWidth); ++c)
+          kinds[n] |= kinds_.empty() ? kinds_of(order_[c]) : kinds_.back()[c];
+      });
+      kinds_.push_back(std::move(kinds));
+    }
+  }
+
   /// The shape nearest to p among those that `is_wanted(i)`; the distance is exact, among equally
   /// near shapes the choice depends on the guess. `guess`, the answer for a point nearby, or -1,
   /// must be one that is wanted; it saves most of the work.
+  /// @param kinds  those that a wanted shape may be of, if kinds are marked
   template <typename IsWanted>
-  [[nodiscard]] Hit nearest(const Vec3& p, std::int64_t guess, const IsWanted& is_wanted) const {
-    Query query(p, hit_of(guess, p));
+  [[nodiscard]] Hit nearest(const Vec3& p,
+                            std::int64_t guess,
+                            const IsWanted& is_wanted,
+                            Kinds kinds = kEveryKind) const {
+    Query query(p, hit_of(guess, p), kinds_.empty() ? kEveryKind : kinds);
     if (!levels_.empty()) search(top_level(), 0, is_wanted, query);
     return query.best;
   }
@@ -142,11 +166,13 @@ class ShapeTree {
 
   // A search for the shape nearest to a point.
   struct Query {
-    Query(const Vec3& p, const Hit& guess) : point(p), rounded(Box3{p, p}), best(guess) {}
+    Query(const Vec3& p, const Hit& guess, Kinds wanted)
+        : point(p), rounded(Box3{p, p}), best(guess), kinds(wanted) {}
 
     Vec3 point;
     FloatBox rounded;
     Hit best;
+    Kinds kinds;
   };
 
   struct Entry {
@@ -178,7 +204,7 @@ class ShapeTree {
       if (entry.squared_distance >= query.best.squared_distance) continue;
       const Lanes near = distances(levels_[entry.level][entry.node], query.rounded);
       if (entry.level > 0) {
-        push_far_first(near, entry, query.best.squared_distance, stack, top);
+        push_far_first(near, entry, query, stack, top);
         continue;
       }
       for (LaneSet set = lanes_within(near, query.best.squared_distance); set != 0; set &= set - 1)
@@ -353,15 +379,17 @@ class ShapeTree {
     return true;
   }
 
-  static void push_far_first(const Lanes& near,
-                             const Entry& entry,
-                             double bound,
-                             std::array<Entry, kStack>& stack,
-                             std::size_t& top) {
+  void push_far_first(const Lanes& near,
+                      const Entry& entry,
+                      const Query& query,
+                      std::array<Entry, kStack>& stack,
+                      std::size_t& top) const {
     const std::size_t bottom = top;
     for (std::uint32_t lane = 0; lane < kWidth; ++lane) {
-      if (!(near[lane] < bound)) continue;
+      if (!(near[lane] < query.best.squared_distance)) continue;
       const Entry child{near[lane], entry.level - 1, entry.node * kWidth + lane};
+      if (query.kinds != kEveryKind && (kinds_[child.level][child.node] & query.kinds) == 0)
+        continue;
       std::size_t at = top++;
       while (at > bottom && stack[at - 1].squared_distance < child.squared_distance) {
         stack[at] = stack[at - 1];
@@ -374,6 +402,7 @@ class ShapeTree {
   const Shapes& shapes_;
   std::vector<std::uint32_t> order_;
   std::vector<std::vector<Node>> levels_;  ///< [0] holds the boxes of the shapes
+  std::vector<std::vector<Kinds>> kinds_;  ///< under each node; empty while none are marked
 };
 
 template <typename Shapes>

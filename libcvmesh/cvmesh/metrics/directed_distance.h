@@ -15,7 +15,7 @@
 #include <cstdint>
 #include <limits>
 #include <map>
-#include <set>
+#include <utility>
 #include <vector>
 
 namespace cvmesh {
@@ -50,30 +50,30 @@ struct DirectionOptions {
 template <typename From, typename To>
 class Direction {
  public:
+  /// @param tree  of `to`
   Direction(const From& from,
             const To& to,
-            const ShapeTree<To>& tree,
+            ShapeTree<To> tree,
             std::size_t materials,
             const DirectionOptions& options)
       : from_(from),
         to_(to),
-        tree_(tree),
+        tree_(std::move(tree)),
         options_(options),
         random_(0, "metrics"),
-        is_in_target_(materials, false) {
+        kinds_of_material_(materials, 0) {
     for (std::size_t f = 0; f < to.size(); ++f) {
-      // Neighbours are mostly of the same pair: one look into the set per run of them.
-      if (f == 0 || !(to.sides(f) == to.sides(f - 1))) pairs_in_target_.insert(to.sides(f));
+      // Neighbours are mostly of the same pair: one look into the map per run of them.
+      if (f == 0 || !(to.sides(f) == to.sides(f - 1))) kinds_of_pair_[to.sides(f)] = 0;
     }
-    for (const Sides& pair : pairs_in_target_)
-      is_in_target_[pair.inside] = is_in_target_[pair.outside] = true;
+    mark_kinds();
     to_voxels_ = divided_by(options.unit_mm, options.spacing_mm);
     block_ = divided_by({kBlockVox, kBlockVox, kBlockVox}, to_voxels_);
   }
 
   DirectedDistances measure() {
     DirectedDistances result;
-    result.of_material.resize(is_in_target_.size());
+    result.of_material.resize(kinds_of_material_.size());
     if (from_.size() == 0 || to_.size() == 0) return result;
     measure_pieces();
     std::map<Sides, std::vector<PieceId>> pieces_of;
@@ -90,7 +90,7 @@ class Direction {
       }
 
     const auto all = all_of(pieces_of, [](Sides) { return true; });
-    if (pieces_of.size() == 1 && pairs_in_target_.size() == 1 &&
+    if (pieces_of.size() == 1 && kinds_of_pair_.size() == 1 &&
         is_target(pieces_of.begin()->first)) {
       const Sides pair = pieces_of.begin()->first;
       result.overall = result.of_pair[pair] = summarise(all, kAll);
@@ -102,7 +102,7 @@ class Direction {
     for (const auto& [pair, pieces] : pieces_of)
       if (is_target(pair)) result.of_pair[pair] = summarise(pieces, kPair);
     for (std::size_t m = 1; m < result.of_material.size(); ++m) {
-      if (!is_in_target_[m]) continue;
+      if (kinds_of_material_[m] == 0) continue;
       const auto id = static_cast<MaterialId>(m);
       const auto pieces =
           all_of(pieces_of, [id](Sides s) { return s.inside == id || s.outside == id; });
@@ -123,6 +123,7 @@ class Direction {
   // What a distance is measured to: all shapes, those of the same pair, or those of a material.
   static constexpr std::int32_t kAll = -1, kPair = -2;
   using Hit = typename ShapeTree<To>::Hit;
+  using Kinds = typename ShapeTree<To>::Kinds;
   static constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
   // The distances of a piece to one class of shapes: attained by a point, and not exceeded by any.
@@ -220,7 +221,24 @@ class Direction {
     Sides guess_sides;
   };
 
-  [[nodiscard]] bool is_target(Sides pair) const { return pairs_in_target_.count(pair) > 0; }
+  // A bit for each pair; where there are more pairs than bits, some share one.
+  void mark_kinds() {
+    int bit = 0;
+    for (auto& [pair, kinds] : kinds_of_pair_) {
+      kinds = Kinds{1} << bit++ % std::numeric_limits<Kinds>::digits;
+      kinds_of_material_[pair.inside] |= kinds;
+      kinds_of_material_[pair.outside] |= kinds;
+    }
+    if (kinds_of_pair_.size() > 1)
+      tree_.mark_kinds([&](std::size_t f) { return kinds_of_pair_.at(to_.sides(f)); });
+  }
+
+  [[nodiscard]] Kinds kinds_of(std::int32_t wanted, Sides piece) const {
+    if (wanted == kAll) return ShapeTree<To>::kEveryKind;
+    return wanted == kPair ? kinds_of_pair_.at(piece) : kinds_of_material_[wanted];
+  }
+
+  [[nodiscard]] bool is_target(Sides pair) const { return kinds_of_pair_.count(pair) > 0; }
 
   // The class with number 0..3 (all, inside, outside, pair) of a piece, in the words of `matches`.
   static std::int32_t class_of(int number, Sides sides) {
@@ -236,7 +254,8 @@ class Direction {
 
   [[nodiscard]] bool has_target(std::int32_t wanted, Sides piece) const {
     if (wanted == kAll) return true;
-    return wanted == kPair ? is_target(piece) : wanted != kExterior && is_in_target_[wanted];
+    return wanted == kPair ? is_target(piece)
+                           : wanted != kExterior && kinds_of_material_[wanted] != 0;
   }
 
   [[nodiscard]] Sides sides_of(PieceId id) const {
@@ -366,7 +385,8 @@ class Direction {
                             std::int64_t guess) const {
     if (wanted == kAll) return tree_.nearest(p, guess, is_any);
     return tree_.nearest(
-        p, guess, [&](std::size_t shape) { return matches(to_.sides(shape), wanted, sides); });
+        p, guess, [&](std::size_t shape) { return matches(to_.sides(shape), wanted, sides); },
+        kinds_of(wanted, sides));
   }
 
   // The shapes nearest to the samples of a piece. All samples are measured to one shape after the
@@ -665,12 +685,12 @@ class Direction {
 
   const From& from_;
   const To& to_;
-  const ShapeTree<To>& tree_;
+  ShapeTree<To> tree_;
   DirectionOptions options_;
   CounterRandom random_;
   Vec3 to_voxels_, block_;
-  std::vector<bool> is_in_target_;
-  std::set<Sides> pairs_in_target_;
+  std::map<Sides, Kinds> kinds_of_pair_;  // in the target
+  std::vector<Kinds> kinds_of_material_;  // in the target; 0: not there
   std::vector<Chunk> chunks_;
   std::vector<Worst> worst_of_classes_;  // of those that are done
 };

@@ -50,12 +50,11 @@ BothDirections measure_both(const Mesh& mesh,
                             const DirectionOptions& options,
                             TreeOrders& orders) {
   BothDirections result;
-  {
-    const ShapeTree<Reference> tree = tree_of(reference, orders.reference);
-    result.forward = Direction(mesh, reference, tree, materials, options).measure();
-  }
-  const ShapeTree<Mesh> tree = tree_of(mesh, orders.mesh);
-  result.back = Direction(reference, mesh, tree, materials, options).measure();
+  result.forward =
+      Direction(mesh, reference, tree_of(reference, orders.reference), materials, options)
+          .measure();
+  result.back =
+      Direction(reference, mesh, tree_of(mesh, orders.mesh), materials, options).measure();
   return result;
 }
 
