@@ -47,7 +47,7 @@ def parse_arguments():
     parser.add_argument("--seeds", nargs=2, type=int, default=(1, 200), metavar=("FIRST", "LAST"))
     parser.add_argument("--jobs", type=int, default=1, help="runs at the same time")
     parser.add_argument("--threads", type=int, default=1, help="threads of each run")
-    parser.add_argument("--timeout", type=float, default=300, help="seconds for one run")
+    parser.add_argument("--timeout", type=float, default=900, help="seconds for one run")
     parser.add_argument("--until", type=float, default=0, help="start no run after so many seconds")
     return parser.parse_args()
 
