@@ -46,6 +46,15 @@ TEST_CASE("decimate: keeps topology, closedness and embedding on every phantom a
       // what is left: the chosen vertices and those that the statistics name
       const auto chosen = static_cast<std::size_t>(std::count(keep.begin(), keep.end(), true));
       REQUIRE(result.surfaces.vertex_count() == chosen + result.stats.kept.size());
+      // Nothing is left of what was removed, but for a sample on one facet.
+      std::size_t samples = 0;
+      for (std::size_t f = 0; f < result.surfaces.facets().size(); ++f) {
+        REQUIRE(result.surfaces.facets()[f].is_alive);
+        samples += result.surfaces.samples_of(static_cast<std::int32_t>(f)).size();
+      }
+      CHECK(samples == result.stats.removed);
+      for (std::size_t m = 0; m < result.surfaces.material_count(); ++m)
+        CHECK(!result.surfaces.mesh(static_cast<MaterialId>(m)).has_garbage());
     }
   }
 }

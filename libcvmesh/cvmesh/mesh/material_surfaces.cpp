@@ -547,6 +547,37 @@ void MaterialSurfaces::set_samples(std::int32_t facet, std::span<const std::int3
   facets_[facet].first_sample = head;
 }
 
+void MaterialSurfaces::drop_removed() {
+  std::vector<std::int32_t> new_id(facets_.size(), -1);
+  std::vector<Facet> kept;
+  kept.reserve(facets_.size() - free_facets_.size());
+  for (std::size_t f = 0; f < facets_.size(); ++f) {
+    if (!facets_[f].is_alive) continue;
+    new_id[f] = static_cast<std::int32_t>(kept.size());
+    kept.push_back(facets_[f]);
+  }
+  facets_ = std::move(kept);
+  free_facets_ = {};
+  parallel_for_each_index(
+      0, meshes_.size(),
+      [&](std::size_t n) {
+        const auto m = static_cast<MaterialId>(n);
+        HalfedgeMesh& mesh = meshes_[m];
+        mesh.collect_garbage();
+        mesh.shrink_to_fit();
+        for (const Face face : mesh.faces()) {
+          const std::int32_t f = facet_id_[m][face] = new_id[facet_id_[m][face]];
+          // each facet is written by two materials, each its own member
+          (facets_[f].patch.sides.inside == m ? facets_[f].inside_face : facets_[f].outside_face) =
+              face;
+        }
+        for (const VertexCopy v : mesh.vertices())
+          for (Copy& copy : copies_[vertex_id_[m][v]])
+            if (copy.material == m) copy.vertex = v;
+      },
+      1);
+}
+
 InterfaceMesh MaterialSurfaces::to_interface_mesh(std::vector<std::int32_t>* vertex_ids) const {
   InterfaceMesh mesh;
   std::vector<std::int32_t> compact(points_.size(), -1);

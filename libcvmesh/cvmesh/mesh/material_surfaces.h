@@ -150,6 +150,10 @@ class MaterialSurfaces {
   /// All samples, by id.
   [[nodiscard]] const std::vector<Vec3>& samples() const { return samples_; }
 
+  /// Gives back the memory of removed facets and of their copies: most of it once the surfaces are
+  /// sparse. Facets get other ids, in the same order; vertices and samples keep theirs.
+  void drop_removed();
+
   /// Which samples a facet carries, by their ids.
   [[nodiscard]] std::vector<std::int32_t> samples_of(std::int32_t facet) const;
 

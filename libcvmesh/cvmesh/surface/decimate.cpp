@@ -127,6 +127,7 @@ DecimateResult decimate(MaterialSurfaces surfaces,
                     std::to_string(p.y) + ", " + std::to_string(p.z) +
                     ") grid mm; lower epsilon or raise r, or set on_degenerate to \"keep\"");
   }
+  surfaces.drop_removed();
   result.surfaces = std::move(surfaces);
   return result;
 }
