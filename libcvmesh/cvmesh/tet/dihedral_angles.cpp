@@ -95,7 +95,8 @@ PoorTet poor_tet(const OpenTets& tets, std::int32_t t, const AngleBounds& bounds
   return poor;
 }
 
-/// Collects the smallest and the largest angle, and tells which tets cannot change them.
+/// Collects the smallest and the largest angle, and tells which tets cannot change them: no angle
+/// of a tet is nearer to 0 or 180 degrees than the arc of its smallest sine.
 class Extremes {
  public:
   void add(double min_deg, double max_deg) {
@@ -104,11 +105,11 @@ class Extremes {
     max_deg_ = std::max(max_deg_, max_deg);
     constexpr double kRounding = 1e-9;
     const double narrowest = std::max({min_deg_, 180 - max_deg_, 180 - kPoorMaxDeg});
-    if (narrowest < 90) inside_ = std::sin(narrowest * kDegree) + kRounding;
+    if (narrowest < 90) held_ = std::sin(narrowest * kDegree) + kRounding;
   }
 
-  /// Neither poor nor beyond what was collected.
-  [[nodiscard]] bool are_beyond(const TetScore& score) const { return score.min_sine >= inside_; }
+  /// True for a tet that is not poor and has no angle beyond those collected.
+  [[nodiscard]] bool holds(const TetScore& score) const { return score.min_sine >= held_; }
 
   [[nodiscard]] double min_deg() const { return min_deg_; }
 
@@ -116,7 +117,7 @@ class Extremes {
 
  private:
   double min_deg_ = 180, max_deg_ = 0;
-  double inside_ = std::numeric_limits<double>::infinity();
+  double held_ = std::numeric_limits<double>::infinity();
 };
 
 }  // namespace
@@ -125,7 +126,7 @@ DihedralAngles measure_dihedral_angles(const OpenTets& tets) {
   Extremes all, outside_wedges;
   std::vector<std::int32_t> poor;
   for (std::int32_t t = 0; static_cast<std::size_t>(t) < tets.slot_count(); ++t) {
-    if (tets.is_removed(t) || outside_wedges.are_beyond(tets.score(t))) continue;
+    if (tets.is_removed(t) || outside_wedges.holds(tets.score(t))) continue;
     const std::array<double, 6> angles = angles_of(tets, t);
     const auto [min, max] = std::minmax_element(angles.begin(), angles.end());
     all.add(*min, *max);
