@@ -540,6 +540,42 @@ TEST_CASE("measure_dihedral_angles: poor tets in narrow wedges are told apart", 
   CHECK(flat.max_deg > 170);
 }
 
+TEST_CASE("measure_dihedral_angles: what all tets one by one give", "[tet][property]") {
+  const InterfaceMesh surface = join(sphere(kCentre, 16, 3, {1, 0}), sphere(kCentre, 9, 3, {2, 1}));
+  const TetMesh start = unimproved(surface, 3, 2.5);
+  TetMesh improved = start;
+  improve_tets(improved, {}, silent_context());
+  for (TetMesh mesh : {start, improved}) {
+    double min = 180, max = 0, min_sound = 180, max_sound = 0;
+    std::size_t poor = 0;
+    for (const auto& tet : mesh.tets) {
+      double least = 180, most = 0;
+      for (const auto& [i, j, k, l] : OpenTets::kEdges) {
+        const Vec3 &a = mesh.points[at(tet[i])], &b = mesh.points[at(tet[j])];
+        const Vec3 m = cross(b - a, mesh.points[at(tet[k])] - a);
+        const Vec3 n = cross(b - a, mesh.points[at(tet[l])] - a);
+        const double angle = std::atan2(norm(cross(m, n)), dot(m, n)) * 180 / std::numbers::pi;
+        least = std::min(least, angle);
+        most = std::max(most, angle);
+      }
+      min = std::min(min, least);
+      max = std::max(max, most);
+      if (least < kPoorMinDeg || most > kPoorMaxDeg) {
+        ++poor;
+        continue;
+      }
+      min_sound = std::min(min_sound, least);
+      max_sound = std::max(max_sound, most);
+    }
+    const DihedralAngles angles = measure_dihedral_angles(OpenTets(mesh));
+    CHECK(angles.min_deg == Approx(min).epsilon(1e-9));
+    CHECK(angles.max_deg == Approx(max).epsilon(1e-9));
+    CHECK(angles.poor + angles.poor_in_wedges == poor);
+    CHECK(angles.min_outside_wedges_deg <= min_sound + 1e-7);
+    CHECK(angles.max_outside_wedges_deg >= max_sound - 1e-7);
+  }
+}
+
 TEST_CASE("AngleBounds: a sheet above a facet, and a wedge at its edge, bound the tet on it",
           "[tet][unit]") {
   // An equilateral facet of side 1 with a large one at some height above: the pyramid's tip, above
