@@ -3,6 +3,7 @@
 #include "cvmesh/core/median.h"
 #include "cvmesh/particles/distribute_particles.h"
 #include "cvmesh/particles/particle_energy.h"
+#include "cvmesh/particles/place_curves.h"
 #include "cvmesh/particles/short_loops.h"
 
 #include <tbb/global_control.h>
@@ -190,6 +191,40 @@ TEST_CASE("seed_particles: a closed curve is divided evenly by the integral of d
   for (std::size_t i = 0; i < on_curve.size(); ++i)
     CHECK(distance(on_curve[i].position, on_curve[(i + 1) % on_curve.size()].position) ==
           Approx(step).epsilon(0.02));
+}
+
+TEST_CASE("place_curves: a curve between two corners gets a particle where it bends too far",
+          "[particles][unit]") {
+  // One edge of a box becomes an arch, z = 4 height s (1 - s); h asks for no particle on it.
+  const int n = 9;
+  const double lo = -0.5;
+  const auto arched = [&](double height) {
+    AnalyticDomain domain = full_box(n, 16, constant(100));
+    for (Vec3& p : domain.dense.points)
+      if (p.y == lo && p.z == lo) p.z += 4 * height * (p.x - lo) / n * (1 - (p.x - lo) / n);
+    return domain;
+  };
+  const auto low = arched(0.45 * n);
+  CHECK(place_curves(low.view(), place_corners(low.view())).empty());
+
+  const auto high = arched(0.55 * n);
+  const auto corners = place_corners(high.view());
+  auto particles = place_curves(high.view(), corners);
+  REQUIRE(particles.size() == 1);
+  CHECK(particles[0].origin == ParticleOrigin::Bend);
+  CHECK(particles[0].position == Vec3{lo + 0.5 * n, lo, lo + 0.55 * n});
+
+  // The sheets around get as many particles as without it.
+  particles.insert(particles.begin(), corners.begin(), corners.end());
+  const Sheets sheets(high.view());
+  const auto with = find_rims(sheets, particles), without = find_rims(sheets, corners);
+  int count = 0;
+  for (std::size_t s = 0; s < sheets.sheets.size(); ++s) {
+    CHECK(natural_count(sheets.sheets[s], 10, with[s]) ==
+          natural_count(sheets.sheets[s], 10, without[s]));
+    count += static_cast<int>(with[s].size() - without[s].size());
+  }
+  CHECK(count == 2);
 }
 
 TEST_CASE("distribute_particles: corners and curve particles do not move", "[particles][unit]") {

@@ -568,7 +568,7 @@ std::vector<Cloud> gather(const std::vector<Particle>& particles,
   }
   for (Cloud& c : clouds) {
     const Sheet& sheet = sheets.sheets[c.sheet];
-    const double natural = natural_count(sheet, sheet.lattice_count, c.rim_size);
+    const double natural = natural_count(sheet, sheet.lattice_count, rims[c.sheet]);
     c.wanted = static_cast<std::size_t>(std::lround(natural / (c.h_scale * c.h_scale)));
     c.wanted = std::max(c.wanted, guards[c.sheet]);
   }

@@ -12,6 +12,7 @@ namespace cvmesh {
 enum class ParticleOrigin : std::uint8_t {
   Optimised,  ///< from the distribution itself
   Guard,      ///< added so that a small or closed part keeps enough vertices to be a surface
+  Bend,       ///< added where a junction curve bends too much for the chord between two others
 };
 
 /// The vertices-to-be of the sparse mesh: corners, then junction curves, then interfaces.

@@ -18,6 +18,8 @@ constexpr double kHalfVoxel = 0.5;
 constexpr double kLeastSpacingVox = 1e-3;
 constexpr std::size_t kVerticesForFour = 8;   // a closed curve this long carries four particles
 constexpr std::size_t kVerticesToSmooth = 8;  // shorter chains would shrink
+// Height over length of an arc that its chord still stands for: that of a semicircle.
+constexpr double kMostBend = 0.5;
 
 Vec3 mix(const Vec3& a, const Vec3& b, double t) {
   return a + t * (b - a);
@@ -121,6 +123,71 @@ std::vector<bool> find_twins(const std::vector<Strata::Curve>& curves) {
   return has_twin;
 }
 
+// Where a particle is to be, between two vertices of a chain.
+struct Stop {
+  std::size_t segment = 0;
+  double t = 0;
+  ParticleOrigin origin = ParticleOrigin::Optimised;
+};
+
+Vec3 place_of(const Stop& stop, const Chain& chain) {
+  return mix(chain.smooth[stop.segment], chain.smooth[stop.segment + 1], stop.t);
+}
+
+// At equal parts of the steps. Of an open chain without its ends.
+std::vector<Stop> divide_evenly(const Chain& chain, bool is_closed, int natural, int parts) {
+  const double total = chain.steps.back();
+  std::vector<Stop> stops;
+  std::size_t segment = 0;
+  for (int k = is_closed ? 0 : 1; k < parts; ++k) {
+    const double at = total * k / parts;
+    while (segment + 2 < chain.steps.size() && chain.steps[segment + 1] < at)
+      ++segment;
+    const double range = chain.steps[segment + 1] - chain.steps[segment];
+    const double t = range > 0 ? std::clamp((at - chain.steps[segment]) / range, 0.0, 1.0) : 0.5;
+    const bool is_guard = k + natural - parts < (is_closed ? 0 : 1);
+    stops.push_back({segment, t, is_guard ? ParticleOrigin::Guard : ParticleOrigin::Optimised});
+  }
+  return stops;
+}
+
+// Adds to `stops` guards between two places of a chain, until every chord stands for its arc
+// [Douglas & Peucker 1973].
+void guard_bends(const Chain& chain,
+                 const Stop& begin,
+                 const Stop& end,
+                 double floor,
+                 std::vector<Stop>& stops) {
+  const Vec3 a = place_of(begin, chain), b = place_of(end, chain);
+  double farthest = std::max(floor, kMostBend * distance(a, b));
+  std::size_t at = 0;
+  for (std::size_t v = begin.segment + 1; v <= end.segment; ++v) {
+    const double away = distance(chain.smooth[v], nearest_on_segment(chain.smooth[v], a, b));
+    if (away <= farthest) continue;
+    farthest = away;
+    at = v;
+  }
+  if (at == 0) return;
+  const Stop bend{at, 0, ParticleOrigin::Bend};
+  guard_bends(chain, begin, bend, floor, stops);
+  stops.push_back(bend);
+  guard_bends(chain, bend, end, floor, stops);
+}
+
+// `stops` with guards where a curve bends between them by too much for a chord.
+std::vector<Stop> add_bends(const Chain& chain, double floor, const std::vector<Stop>& stops) {
+  const Stop first, last{.segment = chain.smooth.size() - 2, .t = 1};
+  std::vector<Stop> all;
+  const Stop* before = &first;
+  for (const Stop& stop : stops) {
+    guard_bends(chain, *before, stop, floor, all);
+    all.push_back(stop);
+    before = &stop;
+  }
+  guard_bends(chain, *before, last, floor, all);
+  return all;
+}
+
 std::vector<Particle> divide(std::int32_t id,
                              const Strata::Curve& curve,
                              bool has_twin,
@@ -129,18 +196,13 @@ std::vector<Particle> divide(std::int32_t id,
   const double half_voxel = kHalfVoxel * domain.level_sets.frame().voxel_mm();
   const CurveEquations equations = equations_of(curve);
   const Chain chain = measure(curve, equations, domain, corner_at);
-  const double total = chain.steps.back();
-  const int natural = static_cast<int>(std::lround(total));
+  const int natural = static_cast<int>(std::lround(chain.steps.back()));
   const int parts = std::max(natural, least_parts(curve, has_twin));
   const double part_mm = chain.length / parts;
   std::vector<Particle> particles;
-  std::size_t segment = 0;
-  for (int k = curve.is_closed ? 0 : 1; k < parts; ++k) {
-    const double at = total * k / parts;
-    while (segment + 2 < chain.steps.size() && chain.steps[segment + 1] < at)
-      ++segment;
-    const double range = chain.steps[segment + 1] - chain.steps[segment];
-    const double t = range > 0 ? std::clamp((at - chain.steps[segment]) / range, 0.0, 1.0) : 0.5;
+  for (const Stop& stop :
+       add_bends(chain, half_voxel, divide_evenly(chain, curve.is_closed, natural, parts))) {
+    const auto& [segment, t, origin] = stop;
     const Vec3 a = chain.dense[segment], b = chain.dense[segment + 1];
     Particle particle;
     particle.dimension = 1;
@@ -148,7 +210,7 @@ std::vector<Particle> divide(std::int32_t id,
     particle.carrier[0] = curve.vertices[segment];
     particle.carrier[1] = curve.vertices[(segment + 1) % curve.vertices.size()];
     particle.h_mm = (1 - t) * chain.h[segment] + t * chain.h[segment + 1];
-    if (k + natural - parts < (curve.is_closed ? 0 : 1)) particle.origin = ParticleOrigin::Guard;
+    particle.origin = origin;
 
     // On the solved curve, or on the dense edge where that would leave the edge or its neighbours.
     const Vec3 on_edge = mix(a, b, t);
@@ -156,7 +218,7 @@ std::vector<Particle> divide(std::int32_t id,
       return distance(p, nearest_on_segment(p, a, b)) <= half_voxel &&
              distance(p, on_edge) <= 0.45 * part_mm;
     };
-    particle.position = mix(chain.smooth[segment], chain.smooth[segment + 1], t);
+    particle.position = place_of(stop, chain);
     if (!project_onto_zero(domain.level_sets, equations.differences, equations.is_fixed, half_voxel,
                            particle.position) ||
         !is_near(particle.position)) {

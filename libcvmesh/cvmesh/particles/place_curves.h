@@ -18,7 +18,10 @@ std::vector<Particle> place_corners(const ParticleDomain& domain);
 ///
 /// Every closed curve gets at least three (four, if it has eight dense vertices), an open one from
 /// a corner to itself two, one whose end points another curve joins as well one: fewer could not
-/// be the edges of a surface. Those beyond the integral are of origin Guard.
+/// be the edges of a surface. Those beyond the integral are of origin Guard. Where an arc between
+/// two particles is higher than half its chord (a semicircle) and half a voxel, its farthest vertex
+/// gets a particle of origin Bend: without it the groove that the interfaces form around the corner
+/// of a block would be cut by a chord, deep below the dense surface.
 /// @param corners  of `place_corners`
 std::vector<Particle> place_curves(const ParticleDomain& domain,
                                    const std::vector<Particle>& corners);

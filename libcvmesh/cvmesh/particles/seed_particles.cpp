@@ -38,8 +38,7 @@ std::vector<SheetPlan> plan_sheets(const Sheets& sheets,
     const Sheet& sheet = sheets.sheets[s];
     SheetPlan& plan = plans[s];
     const auto rounded = [&](double lattice_count) {
-      return static_cast<std::size_t>(
-          std::lround(natural_count(sheet, lattice_count, rims[s].size())));
+      return static_cast<std::size_t>(std::lround(natural_count(sheet, lattice_count, rims[s])));
     };
     plan.natural = rounded(sheet.field_count);
     plan.wanted = std::max(plan.natural, rounded(sheet.lattice_count));

@@ -383,14 +383,19 @@ std::vector<std::vector<RimParticle>> find_rims(const Sheets& sheets,
       place.normal = touch.normal;
       place.h_mm = p.h_mm;
       place.facet = touch.facet;
-      rims[touch.sheet].push_back({static_cast<std::int32_t>(i), place});
+      rims[touch.sheet].push_back(
+          {static_cast<std::int32_t>(i), place, p.origin != ParticleOrigin::Bend});
     }
   }
   return rims;
 }
 
-double natural_count(const Sheet& sheet, double lattice_count, std::size_t rim_size) {
-  return std::max(0.0, lattice_count - 0.5 * static_cast<double>(rim_size) + sheet.boundary_turns);
+double natural_count(const Sheet& sheet,
+                     double lattice_count,
+                     const std::vector<RimParticle>& rim) {
+  const auto by_size =
+      std::count_if(rim.begin(), rim.end(), [](const RimParticle& r) { return r.is_by_size; });
+  return std::max(0.0, lattice_count - 0.5 * static_cast<double>(by_size) + sheet.boundary_turns);
 }
 
 }  // namespace cvmesh

@@ -138,6 +138,7 @@ class Sheets {
 struct RimParticle {
   std::int32_t particle = -1;  ///< index into the corner and curve particles
   SurfacePoint place;          ///< with facet and normal of this sheet
+  bool is_by_size = true;      ///< not one of a bend, beyond what the sizing field asks for
 };
 
 /// Corner and curve particles around each sheet, in the order of the particles.
@@ -148,7 +149,8 @@ std::vector<std::vector<RimParticle>> find_rims(const Sheets& sheets,
 /// formula F = 2 n + rim - 2 chi triangles of area sqrt 3 h^2 / 4 fill the sheet; chi enters
 /// through Gauss-Bonnet, so that the count for a closed sheet is (2 / sqrt 3) * integral dA / h^2.
 /// @param lattice_count  `Sheet::lattice_count` or `Sheet::field_count`
-double natural_count(const Sheet& sheet, double lattice_count, std::size_t rim_size);
+/// @param rim            around the sheet; those of bends do not count
+double natural_count(const Sheet& sheet, double lattice_count, const std::vector<RimParticle>& rim);
 
 /// Solves differences[k] = 0 near `p` by Gauss-Newton steps of least length, as Meyer's projection
 /// but of second order: p moves by -J^T (J J^T)^-1 g. `is_fixed` coordinates do not change.

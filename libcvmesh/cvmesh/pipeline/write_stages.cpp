@@ -45,7 +45,7 @@ void write_particles(const std::filesystem::path& path,
     h_mm.push_back(particle.h_mm);
     dimension.push_back(particle.dimension);
     stratum.push_back(particle.stratum);
-    is_guard.push_back(particle.origin == ParticleOrigin::Guard ? 1 : 0);
+    is_guard.push_back(particle.origin == ParticleOrigin::Optimised ? 0 : 1);
   }
   const PointArrays arrays{
       .doubles = {{"h_mm", h_mm}},

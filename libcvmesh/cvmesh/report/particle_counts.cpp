@@ -106,7 +106,7 @@ ParticleCounts count_particles(const ParticleSet& particles,
     const std::vector<MaterialId> materials = materials_at(particle, dense, strata, stars);
     for (const MaterialId m : materials)
       ++counts.of_material[m];
-    if (particle.origin != ParticleOrigin::Guard) continue;
+    if (particle.origin == ParticleOrigin::Optimised) continue;
     ++counts.guards;
     if (!specks) specks.emplace(labels.ids);
     counts.guards_of_specks += std::any_of(materials.begin(), materials.end(), [&](MaterialId m) {
