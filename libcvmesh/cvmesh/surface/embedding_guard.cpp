@@ -62,6 +62,7 @@ void EmbeddingGuard::begin(const Box3& box,
                            std::span<const std::int32_t> ring) {
   nearby_.clear();
   nearby_vertices_.clear();
+  middles_.clear();
   // Facets and points lie all over the memory: asked for together, they are waited for once.
   const IdBits replaced_bits(replaced);
   index_.query(grown(box, clearance_mm_), [&](const FacetIndex::Entry& entry) {
@@ -72,10 +73,19 @@ void EmbeddingGuard::begin(const Box3& box,
   for (const FacetIndex::Entry& entry : nearby_)
     for (const auto v : surfaces_.facets()[entry.id].vertices)
       __builtin_prefetch(&surfaces_.points()[v]);
-  for (const FacetIndex::Entry& entry : nearby_)
-    for (const auto v : surfaces_.facets()[entry.id].vertices)
-      if (box.contains(surfaces_.points()[v]) && !holds(ring, v) && !holds(nearby_vertices_, v))
+  const auto& p = surfaces_.points();
+  for (const FacetIndex::Entry& entry : nearby_) {
+    const VertexTriple& t = surfaces_.facets()[entry.id].vertices;
+    int on_ring = 0;
+    for (const auto v : t) {
+      if (!box.contains(p[v])) continue;
+      if (holds(ring, v))
+        ++on_ring;
+      else if (!holds(nearby_vertices_, v))
         nearby_vertices_.push_back(v);
+    }
+    if (on_ring == 3) middles_.push_back((p[t[0]] + p[t[1]] + p[t[2]]) / 3);
+  }
 }
 
 bool EmbeddingGuard::intersects_nearby(const VertexTriple& t) const {
@@ -91,13 +101,16 @@ bool EmbeddingGuard::intersects_nearby(const VertexTriple& t) const {
   });
 }
 
-bool EmbeddingGuard::sweeps_over_vertex(const Vec3& apex, const VertexTriple& t) const {
+bool EmbeddingGuard::sweeps_over_part(const Vec3& apex, const VertexTriple& t) const {
   const auto& p = surfaces_.points();
   Box3 box = box_of(p, t);
   box.add(apex);
-  return std::any_of(nearby_vertices_.begin(), nearby_vertices_.end(), [&](std::int32_t v) {
-    return box.contains(p[v]) && is_in_tet(p[v], apex, p[t[0]], p[t[1]], p[t[2]]);
-  });
+  const auto is_swept = [&](const Vec3& point) {
+    return box.contains(point) && is_in_tet(point, apex, p[t[0]], p[t[1]], p[t[2]]);
+  };
+  return std::any_of(nearby_vertices_.begin(), nearby_vertices_.end(),
+                     [&](std::int32_t v) { return is_swept(p[v]); }) ||
+         std::any_of(middles_.begin(), middles_.end(), is_swept);
 }
 
 }  // namespace cvmesh

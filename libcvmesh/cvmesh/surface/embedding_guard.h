@@ -49,9 +49,11 @@ class EmbeddingGuard {
   /// nearer to it than the clearance.
   [[nodiscard]] bool intersects_nearby(const VertexTriple& t) const;
 
-  /// True when a vertex of a nearby facet, other than those of the ring of the change, lies in the
-  /// tet between `apex` and triangle t: t would jump over it.
-  [[nodiscard]] bool sweeps_over_vertex(const Vec3& apex, const VertexTriple& t) const;
+  /// True when a part of the surface lies in the tet between `apex` and triangle t: t would jump
+  /// over it. Parts are the vertices of nearby facets, other than those of the ring of the change,
+  /// and the facets that have all theirs on the ring. Of these one point is looked at: a facet that
+  /// meets neither the old facets nor the new ones is between them as a whole or not at all.
+  [[nodiscard]] bool sweeps_over_part(const Vec3& apex, const VertexTriple& t) const;
 
  private:
   const MaterialSurfaces& surfaces_;
@@ -59,6 +61,7 @@ class EmbeddingGuard {
   double clearance_mm_;
   std::vector<FacetIndex::Entry> nearby_;
   std::vector<std::int32_t> nearby_vertices_;
+  std::vector<Vec3> middles_;  // of nearby facets with all vertices on the ring
 };
 
 }  // namespace cvmesh

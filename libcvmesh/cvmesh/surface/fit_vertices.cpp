@@ -208,7 +208,7 @@ class Star {
     const auto& p = surfaces_.points();
     for (std::size_t n = 0; n < facets_.size(); ++n) {
       const VertexTriple& t = facets_[n].vertices;
-      if (guard.intersects_nearby(t) || guard.sweeps_over_vertex(from, t)) return false;
+      if (guard.intersects_nearby(t) || guard.sweeps_over_part(from, t)) return false;
       for (const auto u : ring_)
         if (u != t[0] && u != t[1] && u != t[2] &&
             is_in_tet(p[at(u)], from, p[at(t[0])], p[at(t[1])], p[at(t[2])]))

@@ -328,7 +328,7 @@ class Flipper {
     for (const auto& t : after)
       if (guard_.intersects_nearby(t)) return false;
     if (facets_intersect(p, after[0], after[1])) return false;
-    return !guard_.sweeps_over_vertex(p[b], after[0]);  // the tet of all four
+    return !guard_.sweeps_over_part(p[b], after[0]);  // the tet of all four
   }
 
   MaterialSurfaces& surfaces_;

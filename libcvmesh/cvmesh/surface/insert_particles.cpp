@@ -125,7 +125,7 @@ class Inserter {
     bool is_good = sharpest_fold() >= std::min(fold_before, kMinFoldCosine);
     for (std::size_t a = 0; a < star_.size() && is_good; ++a) {
       const auto& t = surfaces_.facets()[star_[a]].vertices;
-      is_good = !guard_.intersects_nearby(t) && !guard_.sweeps_over_vertex(old, t);
+      is_good = !guard_.intersects_nearby(t) && !guard_.sweeps_over_part(old, t);
       for (std::size_t b = a + 1; b < star_.size() && is_good; ++b)
         is_good = !facets_intersect(points, t, surfaces_.facets()[star_[b]].vertices);
     }

@@ -220,7 +220,7 @@ class RemovalPlanner {
     for (const CreatedTriple& created : created_)
       if (guard_.intersects_nearby(created.vertices))
         forbid(created.sheet, created.triangle, Refusal::Intersection);
-      else if (guard_.sweeps_over_vertex(apex, created.vertices))
+      else if (guard_.sweeps_over_part(apex, created.vertices))
         forbid(created.sheet, created.triangle, Refusal::Jump);
     if (refusal != Refusal::None) return refusal;
     for (std::size_t a = 0; a < created_.size(); ++a)
