@@ -6,6 +6,7 @@
 #include "cvmesh/grid/shear.h"
 #include "cvmesh/metrics/thinnest_parts.h"
 #include "cvmesh/pipeline/forecast.h"
+#include "cvmesh/sizing/compute_sizing_field.h"
 
 #include <nlohmann/json.hpp>
 #include <spdlog/fmt/fmt.h>
@@ -45,6 +46,11 @@ Checked check(const CheckCommand& command, const Parameters& parameters, int thr
   result.cleaned = clean_labels(volume, parameters.clean_labels, silent_context());
   result.thinnest_mm = thinnest_parts_mm(result.cleaned.labels);
   result.forecast = make_forecast(result.cleaned.labels, parameters, threads);
+  if (result.forecast.surface_vertices > kMostVertices)
+    result.warnings.push_back(fmt::format(
+        "cvmesh mesh refuses more than {:.0e} surface vertices; raise epsilon or the bounds of the "
+        "edge length, which are in mm",
+        kMostVertices));
   return result;
 }
 
@@ -111,7 +117,7 @@ std::string as_text(const Json& json) {
                                     : "not meshed");
   const Json& forecast = json["forecast"];
   text += fmt::format(
-      "\nexpected: {:.0f} surface vertices, {:.0f} tets, {:.0f} MiB, {:.2g} s on {} threads\n",
+      "\nexpected: {:.0f} surface vertices, {:.0f} tets, {:.0f} MiB, {} s on {} threads\n",
       forecast["surface_vertices"].get<double>(), forecast["tets"].get<double>(),
       forecast["memory_mb"].get<double>(), forecast["seconds"].get<double>(),
       forecast["threads"].get<int>());

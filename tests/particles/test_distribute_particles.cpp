@@ -496,12 +496,25 @@ TEST_CASE("LoopTest: three particles hold a loop, fewer do not", "[particles][un
 
 TEST_CASE("distribute_particles: a torus keeps three particles around its tube at any h",
           "[particles][unit]") {
-  const auto domain = torus(14, 3, 60, 20, constant(20));
+  auto domain = torus(14, 3, 60, 20, constant(20));
   const auto context = silent_context();
   const auto seeds = seed_particles(Sheets(domain.view()), {}, context);
   CHECK(seeds.stats.guard_particles > 20);
   const auto result = distribute_particles(seeds.particles, Sheets(domain.view()), {}, context);
   check_carriers(result.particles, domain);
+
+  // Where h makes no room for them, loops get the fewest that hold them, and any loop does.
+  domain.sizing_field.leaves_room = false;
+  const Sheets sheets(domain.view());
+  const auto few =
+      distribute_particles(seed_particles(sheets, {}, context).particles, sheets, {}, context);
+  check_carriers(few.particles, domain);
+  CHECK(few.particles.particles.size() < result.particles.particles.size());
+  std::vector<std::int32_t> at;
+  for (const Particle& p : few.particles.particles)
+    at.push_back(sheets.nearest_vertex(p.carrier[0], p.position));
+  CHECK(LoopTest(domain.dense, sheets.sheets[0].facets).missing(at).empty());
+
   const double middle = 0.5 * (domain.level_sets.frame().dims[0] - 1);
   // In every eighth of the torus, particles in at least three quarters of the tube.
   std::array<std::set<int>, 8> quarters;

@@ -426,6 +426,17 @@ TEST_CASE("SizingProblem: a field does not depend on those before it", "[sizing]
   }
 }
 
+TEST_CASE("SizingProblem: refuses sizes that ask for more vertices than can be counted",
+          "[sizing][unit]") {
+  const Surface surface = ball(10);
+  const SizingProblem problem(surface.dense, surface.strata, surface.lfs, *surface.labels);
+  SizingOptions options;
+  options.max_edge_mm = 1e-3;  // metres?
+  CHECK_THROWS_WITH(problem.field(options, silent_context()),
+                    Catch::Contains("above the bound of 1e+08") &&
+                        Catch::Contains("raise epsilon or the bounds of the edge length"));
+}
+
 TEST_CASE("SizingProblem: without room small parts have the sizes of any other part",
           "[sizing][unit]") {
   const Surface surface = ball(10);
@@ -436,6 +447,7 @@ TEST_CASE("SizingProblem: without room small parts have the sizes of any other p
   const double theory = 2 / std::sqrt(3.0) * 4 * M_PI / 25;
   CHECK(result.stats.expected_vertices == Approx(theory).epsilon(0.1));
   CHECK(result.stats.capped_vertices == 0);
+  CHECK_FALSE(result.sizing_field.leaves_room);
 }
 
 TEST_CASE("SizingProblem: the estimate of the vertices is close to what the field expects",

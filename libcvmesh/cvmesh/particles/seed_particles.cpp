@@ -168,7 +168,7 @@ SeedParticlesResult seed_particles(const Sheets& sheets,
   }
   result.stats.guard_particles = static_cast<std::size_t>(
       std::count_if(particles.begin(), particles.end(),
-                    [](const Particle& p) { return p.origin == ParticleOrigin::Guard; }));
+                    [](const Particle& p) { return p.origin != ParticleOrigin::Optimised; }));
   report_progress(context, kStage, 1);
   return result;
 }

@@ -195,7 +195,7 @@ void Sheets::lower_h() {
       [&](std::size_t n) {
         Sheet& sheet = sheets[order[n]];
         sheet.field_count = count_at_h(sheet);
-        if (sheet.has_loops)
+        if (sheet.has_loops && domain_.sizing_field.leaves_room)
           lowered[order[n]] =
               sizes_at_short_loops(domain_.dense, sheet.facets, domain_.sizing_field.delta, h_mm);
       },

@@ -2,9 +2,12 @@
 #include "cvmesh/sizing/compute_sizing_field.h"
 
 #include "cvmesh/core/assert.h"
+#include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/sizing/limit_gradation.h"
 #include "cvmesh/sizing/size_rules.h"
+
+#include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
 #include <array>
@@ -362,6 +365,7 @@ SizingResult SizingProblem::field(const SizingOptions& options,
   SizingResult result{.sizing_field = {}, .stats = common_};
   SizingField& field = result.sizing_field;
   field.delta = options.delta;
+  field.leaves_room = leaves_room_;
   std::vector<double> h = wanted_size(options);
   result.stats.capped_vertices = apply_room(h);
   for (std::size_t v = 0; v < cap_mm.size(); ++v)
@@ -381,6 +385,13 @@ SizingResult SizingProblem::field(const SizingOptions& options,
   result.stats.h_median_mm = range.median;
   result.stats.h_max_mm = range.max;
   result.stats.expected_vertices = expected_vertices(h);
+  if (result.stats.expected_vertices > kMostVertices)
+    throw Error(
+        ErrorCode::BadParameter, kStage,
+        fmt::format("edges of {:.3g} mm and more ask for {:.3g} surface vertices, above the "
+                    "bound of {:.0e}; raise epsilon or the bounds of the edge length, "
+                    "which are in mm",
+                    range.min, result.stats.expected_vertices, kMostVertices));
   result.stats.share_below_three_facets = share_below_three_facets(h);
   field.lfs_mm = lfs_mm_;
   field.h_mm = std::move(h);

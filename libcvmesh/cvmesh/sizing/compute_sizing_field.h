@@ -43,6 +43,9 @@ struct SizingOptions {
   friend bool operator==(const SizingOptions&, const SizingOptions&) = default;
 };
 
+/// More surface vertices than this have tets that 32-bit indices cannot count.
+inline constexpr double kMostVertices = 1e8;
+
 struct SizingStats {
   double lfs_min_mm = 0, lfs_median_mm = 0, lfs_max_mm = 0;
   double h_min_mm = 0, h_median_mm = 0, h_max_mm = 0;
@@ -88,11 +91,10 @@ std::vector<double> local_feature_size(const InterfaceMesh& dense,
 /// its values take the place of all these, a bound that is set moving one that is not where they
 /// cross. The max_edge_mm of a box bounds h in all of the box, and that of a material inside the
 /// material too (but not on surfaces, which have their own rules); from there h grows by delta. Two
-/// caps
-/// keep closed parts meshable at any epsilon, min_edge_mm or not: a closed boundary of area A has h
-/// <= sqrt(A / (12 sqrt(3) / 2)), room for 12 vertices, and a closed curve has room for 4. The
-/// frame of `volume_h_mm` is `frame`, coarsened by a whole number until it has at most 8 million
-/// nodes.
+/// caps keep closed parts meshable at any epsilon, min_edge_mm or not: a closed boundary of area A
+/// has h <= sqrt(A / (12 sqrt(3) / 2)), room for 12 vertices, and a closed curve has room for 4.
+/// The frame of `volume_h_mm` is `frame`, coarsened by a whole number until it has at most 8
+/// million nodes.
 class SizingProblem {
  public:
   /// @param labels  of the working grid; this, `dense` and `strata` must outlive the problem
@@ -103,7 +105,8 @@ class SizingProblem {
 
   /// @param cap_mm  what h is at most at each dense vertex, whatever the options say: h grows from
   ///                there by delta. Infinity where there is no cap; empty for none at all.
-  /// @throws Error BadParameter for epsilon, delta or bounds out of range
+  /// @throws Error BadParameter for epsilon, delta or bounds out of range, and for sizes that ask
+  ///         for more than `kMostVertices`
   [[nodiscard]] SizingResult field(const SizingOptions& options,
                                    const StageContext& context,
                                    std::span<const double> cap_mm = {}) const;
@@ -119,8 +122,11 @@ class SizingProblem {
   void set_base(std::vector<double> base_mm) { base_mm_ = std::move(base_mm); }
 
   /// From now on the two caps that leave room on small closed parts do not count: their h is that
-  /// of any other part.
-  void drop_room() { room_mm_.assign(room_mm_.size(), std::numeric_limits<double>::infinity()); }
+  /// of any other part, and so is that of short loops.
+  void drop_room() {
+    leaves_room_ = false;
+    room_mm_.assign(room_mm_.size(), std::numeric_limits<double>::infinity());
+  }
 
  private:
   // A third of the area of one patch's facets around a vertex.
@@ -154,6 +160,7 @@ class SizingProblem {
   std::vector<std::int32_t> first_share_;
   std::vector<PatchShare> shares_;  // of vertex v: first_share_[v] to first_share_[v + 1]
   std::vector<double> room_mm_;     // at each vertex the largest h that keeps its part meshable
+  bool leaves_room_ = true;
 };
 
 /// The field of one set of options, see `SizingProblem`.

@@ -17,6 +17,9 @@ struct SizingField {
   std::vector<double> h_mm;    ///< target edge length at each dense vertex
   Grid<float> volume_h_mm;     ///< the same, extended into the volume (maybe a coarser frame)
   double delta = 0.4;          ///< gradation: the Lipschitz bound of h
+  /// Small closed parts are to have h low enough for their topology, and short loops that particles
+  /// are placed by, too. If not, guards among the particles alone keep it, with far fewer.
+  bool leaves_room = true;
 
   /// Trilinear h at a point (grid mm), clamped to the grid.
   [[nodiscard]] double at(const Vec3& p) const;
