@@ -476,7 +476,8 @@ TEST_CASE("run_pipeline: max_distance holds everywhere, in voxels and in mm", "[
   RunRequest request = request_for(folder / "a.nii", folder / "out");
   request.surface_only = true;
   std::size_t vertices = 0;
-  for (const double limit : {0.8, 0.4}) {
+  for (const double limit : {0.8, 0.4, 0.15}) {
+    CAPTURE(limit);
     request.parameters.max_distance_vox = limit;
     const Report report = run_pipeline(request, silent_context()).report;
     REQUIRE(report.stages.epsilon_search);

@@ -70,11 +70,15 @@ Surfaces first_stages(const LabelVolume& labels,
   const MedialAxis axis =
       extract_medial_axis(level_sets, dense.mesh, dense.strata, parameters.medial_axis, context)
           .medial_axis;
-  const SizingProblem problem(
-      dense.mesh, dense.strata,
-      local_feature_size(dense.mesh, dense.strata, axis, labels.frame().voxel_mm(), context), *ids);
-  result.vertices =
-      problem.estimate_vertices(sizing_options_of(parameters, input_spacing_mm, labels));
+  const double voxel_mm = labels.frame().voxel_mm();
+  const SizingProblem problem(dense.mesh, dense.strata,
+                              local_feature_size(dense.mesh, dense.strata, axis, voxel_mm, context),
+                              *ids);
+  SizingOptions options = sizing_options_of(parameters, input_spacing_mm, labels);
+  // where it begins: what is too far then is refined, which nobody can tell before
+  if (const auto limit_mm = max_distance_mm_of(parameters, voxel_mm))
+    options = scaled_to_distance(options, problem.lfs_mm(), voxel_mm, *limit_mm);
+  result.vertices = problem.estimate_vertices(options);
   return result;
 }
 
@@ -118,7 +122,8 @@ Forecast costs_of(std::size_t facets, double vertices, std::size_t voxels, int t
 std::optional<Forecast> bound_forecast(const LabelVolume& labels,
                                        const Parameters& parameters,
                                        int threads) {
-  if (parameters.grid_spacing_mm) return std::nullopt;
+  if (parameters.grid_spacing_mm || parameters.max_distance_mm || parameters.max_distance_vox)
+    return std::nullopt;
   constexpr double kMostFacetsPerFace = 10;  // six as a rule, nine where labels meet everywhere
   const std::vector<VoxelFace> faces = find_voxel_faces(labels.ids);
   const Vec3& step = labels.frame().spacing_mm;

@@ -30,7 +30,7 @@ Forecast make_forecast(const LabelVolume& labels, const Parameters& parameters, 
 
 /// What no forecast exceeds: facets by the voxel faces, vertices as if all edges were as short as
 /// the finest anywhere. Takes no time; nothing is known for a working grid that is not the
-/// volume's.
+/// volume's, nor where a largest distance rules the sizes.
 std::optional<Forecast> bound_forecast(const LabelVolume& labels,
                                        const Parameters& parameters,
                                        int threads);

@@ -2,11 +2,14 @@
 #include "cvmesh/pipeline/label_options.h"
 
 #include "cvmesh/core/error.h"
+#include "cvmesh/core/median.h"
 
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <cstddef>
 #include <optional>
 #include <string>
 #include <utility>
@@ -184,6 +187,26 @@ SizingOptions scaled(SizingOptions options, double factor) {
   for (BoxSizes& box : options.boxes)
     scale(box.sizes);
   return options;
+}
+
+SizingOptions scaled_to_distance(const SizingOptions& options,
+                                 const std::vector<double>& lfs_mm,
+                                 double voxel_mm,
+                                 double limit_mm) {
+  // The middle of a triangle with edges h is off a sphere of radius rho by h^2 / (6 rho).
+  constexpr double kSagitta = 6;
+  constexpr double kLeastEpsilon = 0.05, kMostEpsilon = 5;
+  std::vector<double> ratio(lfs_mm.size());
+  for (std::size_t v = 0; v < lfs_mm.size(); ++v)
+    ratio[v] = std::sqrt(kSagitta * limit_mm / std::max(lfs_mm[v], voxel_mm));
+  const double epsilon = std::clamp(median(std::move(ratio)), kLeastEpsilon, kMostEpsilon);
+  return scaled(options, epsilon / options.epsilon);
+}
+
+std::optional<double> max_distance_mm_of(const Parameters& parameters, double voxel_mm) {
+  if (parameters.max_distance_mm) return parameters.max_distance_mm;
+  if (parameters.max_distance_vox) return *parameters.max_distance_vox * voxel_mm;
+  return std::nullopt;
 }
 
 }  // namespace cvmesh

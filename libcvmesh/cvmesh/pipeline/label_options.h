@@ -6,6 +6,9 @@
 #include "cvmesh/pipeline/run.h"
 #include "cvmesh/sizing/compute_sizing_field.h"
 
+#include <optional>
+#include <vector>
+
 /// What the parameter file says of the user's labels, interfaces and boxes of voxels, in the
 /// material ids and grid mm of one run; and the warnings where that has no effect.
 namespace cvmesh {
@@ -41,5 +44,16 @@ SizingOptions sizing_options_of(const Parameters& parameters,
 
 /// The options with every epsilon multiplied, so that all places keep their ratios.
 SizingOptions scaled(SizingOptions options, double factor);
+
+/// The options scaled to the epsilon at which half of the surface is expected to stay within
+/// `limit_mm` of the dense one, were it curved as much as the local feature size allows.
+/// @param lfs_mm  of each dense vertex
+SizingOptions scaled_to_distance(const SizingOptions& options,
+                                 const std::vector<double>& lfs_mm,
+                                 double voxel_mm,
+                                 double limit_mm);
+
+/// The largest distance that the parameters allow, in mm; nothing where they set none.
+std::optional<double> max_distance_mm_of(const Parameters& parameters, double voxel_mm);
 
 }  // namespace cvmesh

@@ -38,9 +38,8 @@ constexpr int kTetRounds = 5;
 constexpr double kTetsPerVertex = 8.5;
 
 constexpr int kDistanceRounds = 8;
-/// The middle of a triangle with edges h is off a sphere of radius rho by h^2 / (6 rho).
-constexpr double kSagitta = 6;
-constexpr double kLeastEpsilon = 0.05, kMostEpsilon = 5;
+/// Spacing of the points of facets whose distance is looked at.
+constexpr double kProbesVox = 0.5;
 /// Decimations in other orders, where TetGen cannot fill the surfaces of one: it fails where facets
 /// nearly coincide, and which facets these are is chance.
 constexpr int kMostSurfaces = 3;
@@ -174,15 +173,17 @@ Sparse sparsen(Run& run,
                            r.stats.passes, run.report.stages.needles->removed);
       });
   run.report.stages.edge_flipping = flipped.stats;
+  sparse.surface = flipped.surfaces.to_interface_mesh();
   if (std::isfinite(limit_mm))
     sparse.deviation = run.stage.run(
         stage_names::kMetrics,
-        [&] { return measure_deviation(flipped.surfaces, dense.mesh, limit_mm); },
+        [&] {
+          return measure_deviation(sparse.surface, dense.mesh, limit_mm, kProbesVox * voxel_mm);
+        },
         [](const Deviation& d) {
           return fmt::format("at most {:.3g} mm from the dense surface, {} places to refine",
                              d.max_mm, d.above.size());
         });
-  sparse.surface = flipped.surfaces.to_interface_mesh();
   return sparse;
 }
 
@@ -200,11 +201,16 @@ void warn_of_poor_tets(Run& run, const LabelVolume& labels, const DihedralAngles
                                                  labels.label_of[place->material], place->min_deg));
 }
 
-TetMesh fill(Run& run,
-             const LabelVolume& labels,
-             InterfaceMesh surface,
-             const SizingField& sizing_field,
-             double max_vertex_shift_vox) {
+/// How far the surface may move under flat tets.
+struct SurfaceShifts {
+  double by_flips_vox = 0, of_vertices_vox = 0;
+};
+
+TetMesh fill_once(Run& run,
+                  const LabelVolume& labels,
+                  InterfaceMesh surface,
+                  const SizingField& sizing_field,
+                  const SurfaceShifts& shifts) {
   if (run.request.surface_only)
     return {.points = surface.points,
             .tets = {},
@@ -213,8 +219,8 @@ TetMesh fill(Run& run,
             .mid_points = {},
             .mid_of = {}};
   TetrahedralizeOptions options = run.request.parameters.tetrahedralize;
-  options.max_surface_shift_mm = kMostSurfaceShiftVox * labels.frame().voxel_mm();
-  options.max_vertex_shift_mm = max_vertex_shift_vox * labels.frame().voxel_mm();
+  options.max_surface_shift_mm = shifts.by_flips_vox * labels.frame().voxel_mm();
+  options.max_vertex_shift_mm = shifts.of_vertices_vox * labels.frame().voxel_mm();
   options.min_split_edge_mm = kLeastSplitEdgeVox * labels.frame().voxel_mm();
   options.max_splits_per_vertex = kMostSplitsPerVertex;
   TetrahedralizeResult filled = run.stage.run(
@@ -230,11 +236,10 @@ TetMesh fill(Run& run,
             r.stats.improvement.after.max_deg, r.stats.switches);
       });
   run.report.stages.tetrahedra = filled.stats;
-  warn_of_poor_tets(run, labels, filled.stats.improvement.after);
   return std::move(filled.tets);
 }
 
-/// The Delaunay reconstruction from the particles, instead of `sparsen` and `fill`.
+/// The Delaunay reconstruction from the particles, instead of `sparsen` and `fill_once`.
 TetMesh reconstruct(Run& run, const ParticleSet& particles, const LevelSets& level_sets) {
   DelaunayTetsResult result = run.stage.run(
       stage_names::kDelaunay, [&] { return delaunay_tets(particles, level_sets, run.context); },
@@ -260,18 +265,20 @@ struct Round {
 
 /// Fills the round's surfaces; where TetGen cannot, or tets are too flat for files, those of
 /// another order of decimation.
-void fill(Run& run, const LabelVolume& labels, const Dense& dense, double limit_mm, Round& round) {
+void fill_or_reorder(
+    Run& run, const LabelVolume& labels, const Dense& dense, double limit_mm, Round& round) {
+  SurfaceShifts shifts;
   // A distance that was measured and kept must not grow afterwards.
-  const double max_vertex_shift_vox =
-      std::isfinite(limit_mm)
-          ? 0
-          : std::min(kMostVertexShiftVox,
-                     tolerance_vox(run.request.parameters, round.sampling.particles,
-                                   labels.frame().voxel_mm()));
+  if (!std::isfinite(limit_mm))
+    shifts = {
+        .by_flips_vox = kMostSurfaceShiftVox,
+        .of_vertices_vox = std::min(kMostVertexShiftVox,
+                                    tolerance_vox(run.request.parameters, round.sampling.particles,
+                                                  labels.frame().voxel_mm()))};
   for (int order = 1;; ++order)
     try {
-      round.tets = fill(run, labels, round.sparse.surface, round.sampling.sizing_field,
-                        max_vertex_shift_vox);
+      round.tets =
+          fill_once(run, labels, round.sparse.surface, round.sampling.sizing_field, shifts);
       require_positive(round.tets, run.mm_to_out, run.space);
       if (run.report.stages.tetrahedra) run.report.stages.tetrahedra->surfaces_tried = order;
       return;
@@ -298,7 +305,7 @@ Round mesh_once(Run& run,
     round.tets = reconstruct(run, round.sampling.particles, level_sets);
   } else {
     round.sparse = sparsen(run, labels, dense, round.sampling.particles, kInfinity);
-    fill(run, labels, dense, kInfinity, round);
+    fill_or_reorder(run, labels, dense, kInfinity, round);
   }
   return round;
 }
@@ -371,9 +378,8 @@ void refine(const InterfaceMesh& dense,
   }
 }
 
-/// The mesh that is nowhere farther from the dense surface than `limit_mm`. The first epsilon is
-/// the one at which half of the surface is expected to keep the limit, were it curved as much as
-/// the local feature size allows; from there on what is measured rules.
+/// The mesh that is nowhere farther from the dense surface than `limit_mm`. It begins with what
+/// `scaled_to_distance` expects; from there on what is measured rules.
 Round mesh_to_distance(Run& run,
                        const LabelVolume& labels,
                        const Dense& dense,
@@ -382,12 +388,8 @@ Round mesh_to_distance(Run& run,
                        const std::string& key,
                        double limit_mm,
                        double unit_mm) {
-  const std::vector<double>& lfs = sampler.lfs_mm();
-  std::vector<double> ratio(lfs.size());
-  for (std::size_t v = 0; v < lfs.size(); ++v)
-    ratio[v] = std::sqrt(kSagitta * limit_mm / std::max(lfs[v], labels.frame().voxel_mm()));
-  const double start = std::clamp(median(std::move(ratio)), kLeastEpsilon, kMostEpsilon);
-  const SizingOptions first = scaled(options, start / options.epsilon);
+  const SizingOptions first =
+      scaled_to_distance(options, sampler.lfs_mm(), labels.frame().voxel_mm(), limit_mm);
 
   Round round;
   std::vector<double> cap_mm(dense.mesh.points.size(), kInfinity);
@@ -401,7 +403,7 @@ Round mesh_to_distance(Run& run,
     refine(dense.mesh, round.sampling.sizing_field, deviation.above, limit_mm,
            options.min_edge_mm.value_or(0), cap_mm);
   }
-  fill(run, labels, dense, kWatched * limit_mm, round);
+  fill_or_reorder(run, labels, dense, kWatched * limit_mm, round);
   const SizingField& field = round.sampling.sizing_field;
   const double reached = round.sparse.deviation.max_mm;
   run.report.stages.epsilon_search =
@@ -457,6 +459,9 @@ TetMesh mesh_at_scale(Run& run,
     if (parameters.surface == SurfaceMethod::Decimation) level_sets = {};
     round = mesh_once(run, labels, dense, level_sets, std::move(sampling));
   }
+  // of the round that was taken
+  if (const auto& tetrahedra = run.report.stages.tetrahedra)
+    warn_of_poor_tets(run, labels, tetrahedra->improvement.after);
   warn_of_coarse_parts(run, labels, *run.report.stages.sizing_field);
   run.report.particle_counts =
       count_particles(round.sampling.particles, dense.mesh, dense.strata, labels);

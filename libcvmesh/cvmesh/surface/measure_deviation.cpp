@@ -2,71 +2,83 @@
 #include "cvmesh/surface/measure_deviation.h"
 
 #include "cvmesh/core/parallel.h"
-#include "cvmesh/medial/point_tree.h"
+#include "cvmesh/mesh/facet_shapes.h"
+#include "cvmesh/mesh/shape_tree.h"
 
 #include <algorithm>
 #include <array>
-#include <cmath>
+#include <cstdint>
 
 namespace cvmesh {
 namespace {
 
-class DenseSurface {
+/// A surface to which points are near.
+class Target {
  public:
-  explicit DenseSurface(const InterfaceMesh& dense)
-      : dense_(dense), stars_(find_vertex_stars(dense)), tree_(dense.points) {}
+  explicit Target(const InterfaceMesh& surface) : shapes_{surface}, tree_(shapes_) {}
 
-  // The nearest point of the facets around the dense vertex nearest to p.
-  [[nodiscard]] Vec3 near(const Vec3& p) const {
-    const auto v = tree_.nearest(p).index;
-    Vec3 best = dense_.points[v];
-    for (auto s = stars_.first[v]; s < stars_.first[v + 1]; ++s) {
-      const auto& f = dense_.facets[stars_.facet[s]];
-      const Vec3 q =
-          nearest_on_triangle(p, dense_.points[f[0]], dense_.points[f[1]], dense_.points[f[2]]);
-      if (squared_norm(q - p) < squared_norm(best - p)) best = q;
-    }
-    return best;
+  /// The nearest point of the surface.
+  /// @param guess  a facet near p, or -1; then the facet that was found
+  [[nodiscard]] Vec3 nearest(const Vec3& p, std::int64_t& guess) const {
+    guess = tree_.nearest(p, guess, [](std::size_t) { return true; }).shape;
+    return shapes_.nearest(static_cast<std::size_t>(guess), p);
   }
 
  private:
-  const InterfaceMesh& dense_;
-  VertexStars stars_;
-  PointTree tree_;
+  FacetShapes shapes_;
+  ShapeTree<FacetShapes> tree_;
 };
+
+void note(const Vec3& place, double distance_mm, double limit_mm, Deviation& deviation) {
+  deviation.max_mm = std::max(deviation.max_mm, distance_mm);
+  if (distance_mm > limit_mm) deviation.above.push_back({place, distance_mm});
+}
 
 }  // namespace
 
-Deviation measure_deviation(const MaterialSurfaces& surfaces,
+Deviation measure_deviation(const InterfaceMesh& surface,
                             const InterfaceMesh& dense,
-                            double limit_mm) {
-  const DenseSurface reference(dense);
-  const auto& facets = surfaces.facets();
-  std::vector<Deviation> of_facet(facets.size());
+                            double limit_mm,
+                            double spacing_mm) {
+  if (surface.facets.empty() || dense.facets.empty()) return {};
+  const Target on_surface(surface), on_dense(dense);
+  // Blocks do not depend on the number of threads, nor do the guesses.
+  constexpr std::size_t kBlock = 64;
+  const auto blocks_of = [](std::size_t count) { return (count + kBlock - 1) / kBlock; };
+  const std::size_t vertex_blocks = blocks_of(dense.points.size());
+  std::vector<Deviation> parts(vertex_blocks + blocks_of(surface.facets.size()));
   parallel_for_each_index(
-      0, facets.size(),
+      0, parts.size(),
       [&](std::size_t n) {
-        if (!facets[n].is_alive) return;
-        const auto& v = facets[n].vertices;
-        const std::array<Vec3, 3> p{surfaces.points()[v[0]], surfaces.points()[v[1]],
-                                    surfaces.points()[v[2]]};
-        const auto add = [&](const Vec3& on_dense, const Vec3& on_facet) {
-          const double d = distance(on_dense, on_facet);
-          of_facet[n].max_mm = std::max(of_facet[n].max_mm, d);
-          if (d > limit_mm) of_facet[n].above.push_back({on_dense, d});
-        };
-        surfaces.for_each_sample(static_cast<std::int32_t>(n), [&](const Vec3& sample) {
-          add(sample, nearest_on_triangle(sample, p[0], p[1], p[2]));
-        });
-        for (const Vec3& q : {(p[0] + p[1] + p[2]) / 3, 0.5 * (p[0] + p[1]), 0.5 * (p[1] + p[2]),
-                              0.5 * (p[2] + p[0])})
-          add(reference.near(q), q);
+        Deviation& part = parts[n];
+        std::int64_t guess = -1;
+        if (n < vertex_blocks) {
+          for (std::size_t v = n * kBlock; v < std::min(dense.points.size(), (n + 1) * kBlock); ++v)
+            note(dense.points[v],
+                 distance(dense.points[v], on_surface.nearest(dense.points[v], guess)), limit_mm,
+                 part);
+          return;
+        }
+        const FacetShapes shapes{surface};
+        const std::size_t begin = (n - vertex_blocks) * kBlock;
+        for (std::size_t f = begin; f < std::min(shapes.size(), begin + kBlock); ++f) {
+          const std::array<Vec3, 3> p = shapes.corners(f);
+          const auto look_from = [&](const Vec3& q) {
+            const Vec3 place = on_dense.nearest(q, guess);
+            note(place, distance(place, q), limit_mm, part);
+          };
+          for_each_centre(p, divisions(p, spacing_mm), look_from);
+          for (std::size_t k = 0; k < 3; ++k) {
+            look_from(p[k]);
+            look_from(0.5 * (p[k] + p[(k + 1) % 3]));
+          }
+        }
       },
-      64);
+      1);
   Deviation all;
-  for (const Deviation& one : of_facet) {
-    all.max_mm = std::max(all.max_mm, one.max_mm);
-    all.above.insert(all.above.end(), one.above.begin(), one.above.end());
+  for (const Deviation& part : parts) {
+    all.max_mm = std::max(all.max_mm, part.max_mm);
+    all.above.insert(all.above.end(), part.above.begin(), part.above.end());
   }
   return all;
 }

@@ -2,7 +2,6 @@
 #pragma once
 
 #include "cvmesh/mesh/interface_mesh.h"
-#include "cvmesh/mesh/material_surfaces.h"
 
 #include <vector>
 
@@ -16,15 +15,16 @@ struct DeviationSpot {
 
 struct Deviation {
   double max_mm = 0;                 ///< over all places looked at
-  std::vector<DeviationSpot> above;  ///< those farther away than the limit, in order of the facets
+  std::vector<DeviationSpot> above;  ///< those farther away than the limit
 };
 
-/// How far a thinned surface is from the dense one, looked at where it costs little: from every
-/// sample that a facet carries to that facet (not less than its distance to the surface), and from
-/// the centre of each facet and the middles of its edges to the facets around the nearest dense
-/// vertex (not less than the distance to the dense surface).
-Deviation measure_deviation(const MaterialSurfaces& surfaces,
+/// How far a thinned surface is from the dense one: from every dense vertex to the surface, and from
+/// its vertices, the middles of its edges and regular points of its facets to the dense surface.
+/// @param spacing_mm  of the points of a facet
+/// @note  O(n log n); parallel
+Deviation measure_deviation(const InterfaceMesh& surface,
                             const InterfaceMesh& dense,
-                            double limit_mm);
+                            double limit_mm,
+                            double spacing_mm);
 
 }  // namespace cvmesh

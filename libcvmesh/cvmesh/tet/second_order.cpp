@@ -3,6 +3,7 @@
 
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
+#include "cvmesh/mesh/facet_shapes.h"
 #include "cvmesh/mesh/shape_tree.h"
 
 #include <algorithm>
@@ -50,32 +51,6 @@ std::vector<std::pair<Edge, Patches>> edges_with_patches(const InterfaceMesh& su
   }
   return edges;
 }
-
-/// Facets of one surface, for a search tree.
-struct Facets {
-  const InterfaceMesh& mesh;
-
-  [[nodiscard]] std::size_t size() const { return mesh.facets.size(); }
-
-  [[nodiscard]] Vec3 corner(std::size_t f, std::size_t k) const {
-    return mesh.points[at(mesh.facets[f][k])];
-  }
-
-  [[nodiscard]] Box3 box(std::size_t f) const {
-    Box3 box;
-    for (std::size_t k = 0; k < 3; ++k)
-      box.add(corner(f, k));
-    return box;
-  }
-
-  [[nodiscard]] Vec3 nearest(std::size_t f, const Vec3& p) const {
-    return nearest_on_triangle(p, corner(f, 0), corner(f, 1), corner(f, 2));
-  }
-
-  [[nodiscard]] double squared_distance(std::size_t f, const Vec3& p) const {
-    return squared_norm(p - nearest(f, p));
-  }
-};
 
 /// Edges on curves, for a search tree.
 struct CurveEdges {
@@ -135,9 +110,9 @@ class DenseSurface {
     return edges;
   }
 
-  Facets facets_;
+  FacetShapes facets_;
   CurveEdges curves_;
-  ShapeTree<Facets> facet_tree_;
+  ShapeTree<FacetShapes> facet_tree_;
   ShapeTree<CurveEdges> curve_tree_;
 };
 
