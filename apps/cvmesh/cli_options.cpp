@@ -66,6 +66,18 @@ const std::map<std::string, MeshFormat>& formats_by_name() {
   return formats;
 }
 
+/// CLI11's own would tell the largest double there is.
+CLI::Validator is_positive() {
+  return CLI::Validator(
+      [](const std::string& text) {
+        double value = 0;
+        return CLI::detail::lexical_cast(text, value) && value > 0
+                   ? std::string()
+                   : "'" + text + "' is no number above 0";
+      },
+      "POSITIVE");
+}
+
 void add_threads_option(CLI::App& command, CliOptions& options) {
   command
       .add_option("--threads", options.threads,
@@ -130,7 +142,7 @@ void add_mesh_command(CLI::App& app,
   mesh->footer(kMeshFooter);
   add_reader_options(*mesh, inputs, options.mesh.read);
   mesh->add_option("--params", options.mesh.params_file,
-                   "Parameter file (JSON); default: defaults");
+                   "Parameter file (JSON); default: the built-in values (cvmesh defaults)");
   mesh->add_option("--label-names", options.mesh.label_names_file,
                    "Names of labels: an ITK-SNAP label description or a 3D Slicer colour table; "
                    "names in the parameter file win");
@@ -160,10 +172,10 @@ void add_mesh_command(CLI::App& app,
                  "End at once where OUT has the results of the same input and parameters");
   mesh->add_flag("--force", options.mesh.force, "Replace the results of an earlier run");
   mesh->add_option("--time-limit", options.mesh.limits.time_s, "Most seconds of the run")
-      ->check(CLI::PositiveNumber);
+      ->check(is_positive());
   mesh->add_option("--memory-limit", options.mesh.limits.memory_mb,
                    "Most resident memory of the run, in MiB")
-      ->check(CLI::PositiveNumber);
+      ->check(is_positive());
   mesh->add_flag("--keep-stages", options.mesh.keep_stages,
                  "Write each stage's result to OUT/stages");
   mesh->add_flag("--surface-only", options.mesh.surface_only, "Stop before the tets");
@@ -253,7 +265,8 @@ CliOutcome parse_command_line(int argc, char** argv) {
 Parameters read_parameters(const std::string& file, const std::vector<std::string>& settings) {
   const nlohmann::ordered_json json =
       file.empty() ? nlohmann::ordered_json::object() : read_json(file);
-  return parse_parameters(json, "'" + file + "'", settings);
+  const std::string source = file.empty() ? "--set" : "'" + file + "'";
+  return parse_parameters(json, source, settings);
 }
 
 RunRequest make_request(const MeshCommand& command) {

@@ -24,6 +24,7 @@
 #include <iostream>
 #include <string>
 #include <unistd.h>
+#include <vector>
 
 namespace {
 
@@ -41,15 +42,21 @@ void on_signal(int signal) {
   cancel_requested = true;
 }
 
-/// Threads of this run: as asked for, else as the Slurm task was given, else all cores that the
-/// process and its control group may use.
+/// For commands whose stages look at `cancel_requested`; others end as any program does.
+void watch_signals() {
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+}
+
+/// Threads of this run: as asked for, else all cores that the process and its control group may
+/// use, and no more than the Slurm task was given.
 std::size_t thread_count(int asked) {
   if (asked > 0) return static_cast<std::size_t>(asked);
+  int count = tbb::info::default_concurrency();
+  if (const int limit = cgroup_cpu_limit(); limit > 0) count = std::min(count, limit);
   const char* slurm = std::getenv("SLURM_CPUS_PER_TASK");     // NOLINT(concurrency-mt-unsafe)
   const int given = slurm != nullptr ? std::atoi(slurm) : 0;  // NOLINT(cert-err34-c): 0 is fine
-  if (given > 0) return static_cast<std::size_t>(given);
-  const int cores = tbb::info::default_concurrency(), limit = cgroup_cpu_limit();
-  return static_cast<std::size_t>(limit > 0 ? std::min(cores, limit) : cores);
+  return static_cast<std::size_t>(given > 0 ? std::min(count, given) : count);
 }
 
 void print(const nlohmann::ordered_json& json) {
@@ -73,14 +80,24 @@ void tell(const Error& error) {
   _exit(exit_code_of(error));
 }
 
+void require_gates(const std::vector<GateResult>& gates) {
+  const std::string missed = missed_gates_message(gates);
+  require(missed.empty(), ErrorCode::QualityGate, "gates", missed);
+}
+
 int run_mesh(const app::CliOptions& options) {
   const bool has_bar = !options.is_quiet && !options.is_verbose && app::is_terminal();
   RunRequest request = app::make_request(options.mesh);
-  if (options.mesh.resume && is_finished(request)) {
-    if (!options.is_quiet)
-      std::cerr << "cvmesh: " << options.mesh.input << " is done already, with these parameters\n";
-    return 0;
+  if (options.mesh.resume) {
+    if (const auto gates = gates_if_finished(request)) {
+      if (!options.is_quiet)
+        std::cerr << "cvmesh: " << options.mesh.input
+                  << " is done already, with these parameters\n";
+      require_gates(*gates);
+      return 0;
+    }
   }
+  watch_signals();
   request.signal = &received_signal;
   request.on_stuck = end_at_once;
   const tbb::global_control threads(tbb::global_control::max_allowed_parallelism,
@@ -93,8 +110,7 @@ int run_mesh(const app::CliOptions& options) {
   try {
     const RunResult result = run_pipeline(request, context);
     if (!options.is_quiet) std::cerr << app::summary_table(result);
-    const std::string missed = missed_gates_message(result.report.gates);
-    require(missed.empty(), ErrorCode::QualityGate, "gates", missed);
+    require_gates(result.report.gates);
   } catch (...) {
     bar.clear();
     throw;
@@ -103,6 +119,7 @@ int run_mesh(const app::CliOptions& options) {
 }
 
 int run_metrics(const app::CliOptions& options) {
+  watch_signals();
   const tbb::global_control threads(tbb::global_control::max_allowed_parallelism,
                                     thread_count(options.threads));
   StageContext context;
@@ -110,6 +127,14 @@ int run_metrics(const app::CliOptions& options) {
   context.cancel = &cancel_requested;
   app::run_metrics(options.metrics, context);
   return 0;
+}
+
+int run_check(const app::CliOptions& options) {
+  const std::size_t count = thread_count(options.threads);
+  const tbb::global_control threads(tbb::global_control::max_allowed_parallelism, count);
+  return app::run_check(options.check,
+                        app::read_parameters(options.check.params_file, options.check.settings),
+                        static_cast<int>(count));
 }
 
 int run(int argc, char** argv) {
@@ -130,10 +155,7 @@ int run(int argc, char** argv) {
     case app::Command::Summary:
       return app::run_summary(outcome.options.summary);
     case app::Command::Check:
-      return app::run_check(
-          outcome.options.check,
-          app::read_parameters(outcome.options.check.params_file, outcome.options.check.settings),
-          static_cast<int>(thread_count(outcome.options.threads)));
+      return run_check(outcome.options);
     case app::Command::Mesh:
       break;
   }
@@ -143,8 +165,6 @@ int run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::signal(SIGINT, on_signal);
-  std::signal(SIGTERM, on_signal);
   // A closed pipe and a file that grows beyond its limit are errors of the write, not the end of
   // us.
   std::signal(SIGPIPE, SIG_IGN);

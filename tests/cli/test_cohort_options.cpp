@@ -181,6 +181,20 @@ TEST_CASE("cvmesh mesh: --resume skips what is done, and only that", "[cli]") {
   CHECK_FALSE(contains(subject.mesh({"--set", "epsilon=2.5", "--formats", "inp"}).err, "done"));
 }
 
+TEST_CASE("cvmesh mesh: --resume tells of missed gates again, and makes lost files again",
+          "[cli]") {
+  const Subject subject;
+  const Words words = {"--resume", "--set", "gates.min_dihedral_deg=60"};
+  REQUIRE(subject.mesh(words).exit_code == 5);
+  const Outcome again = subject.mesh(words);
+  CHECK(again.exit_code == 5);
+  CHECK(contains(again.err, "done already"));
+  CHECK(contains(again.err, "1 of 1 gates missed: min_dihedral_deg is "));
+  fs::remove(subject.path("out/a.vtu"));
+  CHECK(subject.mesh(words).exit_code == 5);
+  CHECK(subject.has("a.vtu"));
+}
+
 TEST_CASE("cvmesh mesh: several volumes are refused with a hint", "[cli]") {
   const Subject subject;
   const Outcome outcome = subject.mesh({subject.path("b.nii")});

@@ -133,6 +133,8 @@ TEST_CASE("parse_parameters: messages name file, key, value, bound and way out",
   CHECK(refusal(R"({"schedule": "parallel"})") ==
         "parameters: p.json: schedule (\"parallel\") is not one of its values; give \"lock-step\" "
         "or \"sequential\"");
+  CHECK(refusal(R"({"curved_elements": true})").find("set element_order to 2") !=
+        std::string::npos);
   CHECK(refusal(R"({"drop_labels": 3})") ==
         "parameters: p.json: drop_labels (3) is a number; give an array of label values, like [1, "
         "2]");

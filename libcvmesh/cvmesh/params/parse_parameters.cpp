@@ -558,6 +558,10 @@ void finish(Parameters& parameters, const std::string& source) {
                       own.max_edge_mm ? own.max_edge_mm : sizing.max_edge_mm, prefix, source);
     if (own.name) parameters.clean_labels.names[label] = *own.name;
   }
+  if (parameters.curved_elements && parameters.element_order < 2)
+    refuse(source,
+           "curved_elements needs nodes on the edges, which element_order 1 does not have; "
+           "set element_order to 2, or leave curved_elements out");
   check_interfaces(parameters, source);
   check_boxes(parameters, source);
   check_surface_method(parameters, source);

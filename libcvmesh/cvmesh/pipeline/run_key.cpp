@@ -8,11 +8,14 @@
 #include "cvmesh/params/parse_parameters.h"
 #include "cvmesh/pipeline/output_folder.h"
 #include "cvmesh/pipeline/stage_names.h"
+#include "cvmesh/pipeline/write_results.h"
 #include "cvmesh/report/report_json.h"
 
 #include <nlohmann/json.hpp>
 
+#include <filesystem>
 #include <fstream>
+#include <limits>
 #include <span>
 #include <string>
 
@@ -25,6 +28,20 @@ std::string digests_of_volume(const std::filesystem::path& volume) {
   for (const std::filesystem::path& file : volume_files(volume))
     digests += sha256_of_file(file);
   return digests;
+}
+
+GateResult gate_from_json(const nlohmann::json& row) {
+  const auto number = [&](const char* key) {
+    const auto found = row.find(key);
+    return found != row.end() && found->is_number() ? found->get<double>()
+                                                    : std::numeric_limits<double>::quiet_NaN();
+  };
+  GateResult gate{.gate = row.value("gate", ""),
+                  .bound = number("bound"),
+                  .value = number("value"),
+                  .passed = row.value("passed", false)};
+  if (row.contains("label")) gate.label = row.at("label").get<Label>();
+  return gate;
 }
 
 }  // namespace
@@ -48,11 +65,19 @@ std::string run_key(const RunRequest& request) {
   return sha256_of_values(std::span<const char>(text));
 }
 
-bool is_finished(const RunRequest& request) {
-  std::ifstream file(request.out_dir / (input_stem(request.input) + ".metrics.json"));
-  if (!file) return false;
+std::optional<std::vector<GateResult>> gates_if_finished(const RunRequest& request) {
+  const std::string stem = (request.out_dir / input_stem(request.input)).string();
+  std::ifstream file(stem + ".metrics.json");
+  if (!file) return std::nullopt;
   const auto report = nlohmann::json::parse(file, nullptr, false);
-  return report.is_object() && report.value(kRunKey, "") == run_key(request);
+  if (!report.is_object() || report.value(kRunKey, "") != run_key(request)) return std::nullopt;
+  for (const std::string& suffix : mesh_suffixes(request))
+    if (!std::filesystem::exists(stem + suffix)) return std::nullopt;
+  std::vector<GateResult> gates;
+  if (const auto found = report.find("results"); found != report.end() && found->is_object())
+    for (const auto& row : found->value("gates", nlohmann::json::array()))
+      gates.push_back(gate_from_json(row));
+  return gates;
 }
 
 }  // namespace cvmesh

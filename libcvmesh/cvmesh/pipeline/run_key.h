@@ -2,8 +2,11 @@
 #pragma once
 
 #include "cvmesh/pipeline/pipeline.h"
+#include "cvmesh/report/check_gates.h"
 
+#include <optional>
 #include <string>
+#include <vector>
 
 namespace cvmesh {
 
@@ -13,8 +16,9 @@ namespace cvmesh {
 /// @throws Error BadInput when a file cannot be read
 std::string run_key(const RunRequest& request);
 
-/// Whether NAME.metrics.json of a run with the same key is in the folder of the results.
+/// The gates of a run with the same key whose report and meshes are in the folder of the results
+/// (empty where it had none); nullopt where there is no such run.
 /// @throws Error BadInput when an input cannot be read
-bool is_finished(const RunRequest& request);
+std::optional<std::vector<GateResult>> gates_if_finished(const RunRequest& request);
 
 }  // namespace cvmesh
