@@ -269,11 +269,29 @@ Parameters read_parameters(const std::string& file, const std::vector<std::strin
   return parse_parameters(json, source, settings);
 }
 
+namespace {
+
+/// What is asked of tets has no place where there are none.
+void refuse_without_tets(const MeshCommand& command, const Parameters& parameters) {
+  const auto refuse = [](const char* option) {
+    throw Error(ErrorCode::BadParameter, "command line",
+                std::string(option) +
+                    " is about tets, which --surface-only does not make; leave "
+                    "one of the two out");
+  };
+  if (!command.sample_file.empty()) refuse("--sample");
+  if (parameters.element_order > 1) refuse("element_order 2");
+  if (!parameters.contact.empty()) refuse("contact");
+}
+
+}  // namespace
+
 RunRequest make_request(const MeshCommand& command) {
   RunRequest request;
   request.input = command.input;
   request.out_dir = command.out_dir;
   request.parameters = read_parameters(command.params_file, command.settings);
+  if (command.surface_only) refuse_without_tets(command, request.parameters);
   if (!command.label_names_file.empty())
     request.label_names = read_label_names(command.label_names_file);
   request.sample = command.sample_file;

@@ -7,8 +7,11 @@
 #include "support/run_cli.h"
 #include "support/test_data.h"
 #include "support/volume_file.h"
+#include <chrono>
+#include <csignal>
 #include <filesystem>
 #include <numbers>
+#include <thread>
 
 using namespace cvmesh;
 using run_cli::Outcome;
@@ -55,11 +58,23 @@ TEST_CASE("cvmesh check: the forecast of facets is exact, others follow the para
   const auto fine = forecast("epsilon=0.5"), coarse = forecast("epsilon=1");
   CHECK(fine["surface_vertices"] > 1.5 * coarse["surface_vertices"].get<double>());
   CHECK(forecast("target_vertices=1234")["surface_vertices"] == 1200);
+  CHECK(forecast("max_distance_vox=0.05")["surface_vertices"] > fine["surface_vertices"]);
 
   REQUIRE(run_cli::cvmesh({"mesh", input, "--out", (folder / "out").string(), "--surface-only"})
               .exit_code == 0);
   const auto metrics = nlohmann::json::parse(image_files::read_file(folder / "out/a.metrics.json"));
   CHECK(fine["dense_facets"] == metrics["results"]["stages"]["dense_surfaces"]["facets"]);
+}
+
+TEST_CASE("cvmesh check: SIGTERM ends it", "[cli]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::ball(60));
+  run_cli::Process process({"check", (folder / "a.nii").string()});
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  process.send_signal(SIGTERM);
+  const Outcome outcome = process.wait();
+  CHECK(outcome.exit_code == 128 + SIGTERM);
+  CHECK(outcome.out.empty());
 }
 
 TEST_CASE("cvmesh check: warnings of the header are told, and bad files refused", "[cli]") {

@@ -195,6 +195,19 @@ TEST_CASE("cvmesh mesh: --resume tells of missed gates again, and makes lost fil
   CHECK(subject.has("a.vtu"));
 }
 
+TEST_CASE("cvmesh mesh: --surface-only refuses what is about tets", "[cli]") {
+  const Subject subject;
+  for (const Words& words :
+       {Words{"--sample", subject.path("a.nii")}, Words{"--set", "element_order=2"},
+        Words{"--set", "contact=[[1,2]]"}}) {
+    Words all = words;
+    all.emplace_back("--surface-only");
+    const Outcome outcome = subject.mesh(all);
+    CHECK(outcome.exit_code == 2);
+    CHECK(contains(outcome.err, "is about tets, which --surface-only does not make"));
+  }
+}
+
 TEST_CASE("cvmesh mesh: several volumes are refused with a hint", "[cli]") {
   const Subject subject;
   const Outcome outcome = subject.mesh({subject.path("b.nii")});

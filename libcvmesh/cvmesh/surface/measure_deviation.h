@@ -18,8 +18,9 @@ struct Deviation {
   std::vector<DeviationSpot> above;  ///< those farther away than the limit
 };
 
-/// How far a thinned surface is from the dense one: from every dense vertex to the surface, and from
-/// its vertices, the middles of its edges and regular points of its facets to the dense surface.
+/// How far a thinned surface is from the dense one: from every dense vertex to the surface, and
+/// from its vertices, the middles of its edges and regular points of its facets to the dense
+/// surface.
 /// @param spacing_mm  of the points of a facet
 /// @note  O(n log n); parallel
 Deviation measure_deviation(const InterfaceMesh& surface,
