@@ -213,6 +213,19 @@ void add_summary_command(CLI::App& app, SummaryCommand& command) {
   summary->add_option("--out", command.out_file, "The CSV; default: standard output");
 }
 
+/// CLI11 would say that a command is missing, whatever word is in its place.
+void require_command(const CLI::App& app, const std::string& word) {
+  if (word.empty() || word.front() == '-') return;
+  std::string names;
+  for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; })) {
+    if (command->get_name() == word) return;
+    names += (names.empty() ? "" : ", ") + command->get_name();
+  }
+  throw Error(ErrorCode::BadParameter, "command line",
+              "'" + word + "' is none of the commands " + names +
+                  "; to mesh a volume: cvmesh mesh scan.nii.gz --out results");
+}
+
 }  // namespace
 
 CliOutcome parse_command_line(int argc, char** argv) {
@@ -235,6 +248,7 @@ CliOutcome parse_command_line(int argc, char** argv) {
   CLI::App* defaults = app.add_subcommand("defaults", "Print a parameter file with all defaults");
   defaults->add_flag("--tolerances", options.is_of_tolerances,
                      "The tolerances file of `cvmesh compare` instead");
+  if (argc > 1) require_command(app, argv[1]);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -41,7 +41,9 @@ std::string distance_row(const SurfaceDistance& distance) {
 std::shared_ptr<spdlog::logger> make_log(bool is_quiet, bool is_verbose, bool has_bar) {
   auto log =
       std::make_shared<spdlog::logger>("cvmesh", std::make_shared<spdlog::sinks::stderr_sink_mt>());
-  log->set_pattern(is_verbose ? "%H:%M:%S.%e %^%l%$ %v" : "%H:%M:%S %^%l%$ %v");
+  // what is said in the middle of a stage takes the place of its bar
+  log->set_pattern(std::string(has_bar ? kClearLine : "") +
+                   (is_verbose ? "%H:%M:%S.%e %^%l%$ %v" : "%H:%M:%S %^%l%$ %v"));
   log->set_level(is_verbose            ? spdlog::level::debug
                  : is_quiet || has_bar ? spdlog::level::warn
                                        : spdlog::level::info);

@@ -284,6 +284,15 @@ TEST_CASE("cvmesh mesh: logs one line per stage and a summary, or nothing when q
   CHECK(threads_given("4096") <= std::thread::hardware_concurrency());
 }
 
+TEST_CASE("cvmesh: a word that is no command is named", "[cli]") {
+  for (const char* word : {"mehs", "scan.nii.gz"}) {
+    const Outcome outcome = run_cli::cvmesh({word, "--out", "x"});
+    CHECK(outcome.exit_code == 2);
+    CHECK(contains(outcome.err, "cvmesh: error: command line: '" + std::string(word) +
+                                    "' is none of the commands mesh, metrics, "));
+  }
+}
+
 TEST_CASE("cvmesh mesh: --formats chooses the files of the tets", "[cli]") {
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::ball(6));
