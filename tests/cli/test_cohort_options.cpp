@@ -193,6 +193,15 @@ TEST_CASE("cvmesh mesh: --resume tells of missed gates again, and makes lost fil
   fs::remove(subject.path("out/a.vtu"));
   CHECK(subject.mesh(words).exit_code == 5);
   CHECK(subject.has("a.vtu"));
+
+  // A report that was written in is made anew.
+  const std::string report = subject.path("out/a.metrics.json");
+  auto json = nlohmann::ordered_json::parse(read_file(report));
+  json["results"]["gates"] = {1};
+  write_file(report, json.dump());
+  const Outcome anew = subject.mesh(words);
+  CHECK(anew.exit_code == 5);
+  CHECK_FALSE(contains(anew.err, "done already"));
 }
 
 TEST_CASE("cvmesh mesh: --surface-only refuses what is about tets", "[cli]") {

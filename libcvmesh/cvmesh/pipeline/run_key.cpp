@@ -70,13 +70,18 @@ std::optional<std::vector<GateResult>> gates_if_finished(const RunRequest& reque
   std::ifstream file(stem + ".metrics.json");
   if (!file) return std::nullopt;
   const auto report = nlohmann::json::parse(file, nullptr, false);
-  if (!report.is_object() || report.value(kRunKey, "") != run_key(request)) return std::nullopt;
-  for (const std::string& suffix : mesh_suffixes(request))
-    if (!std::filesystem::exists(stem + suffix)) return std::nullopt;
   std::vector<GateResult> gates;
-  if (const auto found = report.find("results"); found != report.end() && found->is_object())
-    for (const auto& row : found->value("gates", nlohmann::json::array()))
+  try {
+    if (!report.is_object() || report.value(kRunKey, "") != run_key(request)) return std::nullopt;
+    for (const auto& row : report.at("results").value("gates", nlohmann::json::array()))
       gates.push_back(gate_from_json(row));
+  } catch (const nlohmann::json::exception&) {
+    return std::nullopt;  // a report that somebody has written in is none
+  }
+  std::vector<std::string> suffixes = mesh_suffixes(request);
+  if (request.html_report) suffixes.emplace_back(".report.html");
+  for (const std::string& suffix : suffixes)
+    if (!std::filesystem::exists(stem + suffix)) return std::nullopt;
   return gates;
 }
 

@@ -43,7 +43,7 @@ struct SizingOptions {
   friend bool operator==(const SizingOptions&, const SizingOptions&) = default;
 };
 
-/// More surface vertices than this have tets that 32-bit indices cannot count.
+/// Surface vertices whose tets, some twelve for each, 32-bit indices still count.
 inline constexpr double kMostVertices = 1e8;
 
 struct SizingStats {
