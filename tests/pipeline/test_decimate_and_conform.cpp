@@ -3,6 +3,7 @@
 #include "cvmesh/pipeline/decimate_and_conform.h"
 
 #include "support/catch.h"
+#include <array>
 #include <string>
 #include <utility>
 #include <vector>
@@ -40,7 +41,13 @@ ConformEdgesResult joined(ConformEdgesResult a, const ConformEdgesResult& b) {
 /// The message of the error that a result gives; empty when there is none.
 std::string refusal(const ConformEdgesResult& result) {
   try {
-    require_conformal(result, {0, 7, 9});
+    const std::array<int, 3> label_of{0, 7, 9};
+    const MeshNames names{[&](MaterialId m) {
+                            return m == kExterior ? "the exterior"
+                                                  : "label " + std::to_string(label_of.at(m));
+                          },
+                          {}};
+    require_conformal(result, names, label_of.size());
   } catch (const Error& error) {
     CHECK(error.code() == ErrorCode::StageFailed);
     return error.what();
@@ -64,7 +71,7 @@ TEST_CASE("require_conformal: messages name count, labels, place and way out", "
   CHECK(refusal(edges) ==
         std::string("edge conformity: 3 edges cannot be flipped to those of the master and 0 "
                     "vertices stayed in one boundary only, on the interfaces of 1 pairs of labels, "
-                    "the first between the exterior and label 9 at (1, 2, 3.5) grid mm") +
+                    "the first between the exterior and label 9 at (1, 2, 3.5) mm") +
             kWayOut);
 
   CHECK(

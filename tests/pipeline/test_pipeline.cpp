@@ -192,7 +192,8 @@ TEST_CASE(
       CHECK(error.code() == ErrorCode::StageFailed);
       CHECK(error.stage() == stage_names::kEdgeConformity);
       CHECK_THAT(error.message(), Catch::Contains("the first between"));
-      CHECK_THAT(error.message(), Catch::Contains("grid mm; set schedule to \"lock-step\""));
+      CHECK_THAT(error.message(),
+                 Catch::Contains(" mm in RAS space; set schedule to \"lock-step\""));
       CHECK(names_in(request.out_dir) == std::vector<std::string>{"a.failed.json"});
       const auto json = read_json(request.out_dir / "a.failed.json");
       CHECK(json["results"]["stages"]["edge_conformity"]["edges_differing"] > 0);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/core/error.h"
+#include "cvmesh/mesh/tet_faces.h"
 #include "cvmesh/mesh/validate.h"
 #include "cvmesh/tet/angle_bounds.h"
 #include "cvmesh/tet/cavity.h"
@@ -617,9 +618,8 @@ TEST_CASE("AngleBounds: no tet beats the bound of its facet", "[tet][unit]") {
   for (std::int32_t t = 0; at(t) < tets.slot_count(); ++t)
     for (std::size_t k = 0; k < 4; ++k) {
       if (tets.neighbour(t, k) != OpenTets::kNone) continue;
-      const auto& f = OpenTets::kFaces[k];
-      const auto& tet = tets.tet(t);
-      const double most = bounds.of_tet_on({tet[f[0]], tet[f[2]], tet[f[1]]}, 80);
+      const auto [a, b, c] = tet_face(tets.tet(t), k);
+      const double most = bounds.of_tet_on({a, c, b}, 80);
       // The smallest sine is that of the smallest angle, or of a larger one near 180 degrees.
       CHECK(std::asin(tets.score(t).min_sine) * 180 / std::numbers::pi <= most * (1 + 1e-9));
       ++on_facets;

@@ -214,7 +214,7 @@ TEST_CASE("tetrahedralize: facets that intersect are named before TetGen sees th
   const std::string message =
       failure(join(single_tet(3, {1, 0}), second), 3, ErrorCode::StageFailed);
   CHECK(contains(message, "intersect"));
-  CHECK(contains(message, "materials 2 and 0"));
+  CHECK(contains(message, "material 2 and material 0"));
 }
 
 TEST_CASE("tetrahedralize: an open surface is refused", "[tet][unit]") {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/labels/lattice_components.h"
 
+#include "cvmesh/core/disjoint_sets.h"
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
 
@@ -58,32 +59,12 @@ void collect_runs(const Grid<MaterialId>& ids, LatticeComponents& result) {
       256);
 }
 
-// Union-find whose root is the smallest index of its set.
-class RunSets {
- public:
-  explicit RunSets(std::size_t count) : parent_(count) {
-    std::iota(parent_.begin(), parent_.end(), 0U);
-  }
-
-  std::uint32_t find(std::uint32_t i) {
-    while (parent_[i] != i)
-      i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-
-  void join(std::uint32_t a, std::uint32_t b) {
-    a = find(a);
-    b = find(b);
-    if (a != b) parent_[std::max(a, b)] = std::min(a, b);
-  }
-
- private:
-  std::vector<std::uint32_t> parent_;
-};
-
 // Joins the runs of one row with those of an earlier row. The lattice's edges lead from x to x and
 // to x - 1 of each of the three earlier rows, so runs touch when [begin - 1, end) overlaps.
-void join_rows(const LatticeComponents& c, std::size_t row, std::size_t earlier, RunSets& sets) {
+void join_rows(const LatticeComponents& c,
+               std::size_t row,
+               std::size_t earlier,
+               DisjointSets& sets) {
   std::size_t a = c.first_of_row[row];
   std::size_t b = c.first_of_row[earlier];
   while (a < c.first_of_row[row + 1] && b < c.first_of_row[earlier + 1]) {
@@ -118,7 +99,7 @@ LatticeComponents find_lattice_components(const Grid<MaterialId>& ids) {
   collect_runs(ids, result);
   const auto [nx, ny, nz] = ids.frame.dims;
   static_cast<void>(nx);
-  RunSets sets(result.runs.size());
+  DisjointSets sets(result.runs.size());
   for (int k = 0; k < nz; ++k) {
     for (int j = 0; j < ny; ++j) {
       const std::size_t row = static_cast<std::size_t>(k) * ny + j;

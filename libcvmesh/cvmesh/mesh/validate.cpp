@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/mesh/validate.h"
 
+#include "cvmesh/core/disjoint_sets.h"
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/mesh/facet_predicates.h"
 #include "cvmesh/mesh/local_numbers.h"
 #include "cvmesh/mesh/shape_tree.h"
+#include "cvmesh/mesh/tet_faces.h"
 #include "cvmesh/mesh/tet_predicates.h"
 
 #include <algorithm>
@@ -60,11 +62,6 @@ std::string text(const Triangle& t) {
 
 std::string text(const Sides& s) {
   return text(s.inside) + "|" + text(s.outside);
-}
-
-Triangle sorted(Triangle t) {
-  std::sort(t.begin(), t.end());
-  return t;
 }
 
 // Whether an even number of swaps sorts the triple.
@@ -186,41 +183,26 @@ std::size_t count_pinched(const std::vector<Triangle>& triangles, std::size_t po
 // Vertices in use, and their connected components.
 class VertexSets {
  public:
-  explicit VertexSets(const std::vector<Triangle>& triangles, std::size_t point_count)
-      : parent_(point_count, -1) {
+  explicit VertexSets(const std::vector<Triangle>& triangles, std::size_t point_count) {
+    DisjointSets sets(point_count);
+    std::vector<bool> is_used(point_count, false);
     for (const Triangle& t : triangles) {
       for (const std::int32_t v : t) {
-        if (parent_[v] >= 0) continue;
-        parent_[v] = v;
+        if (is_used[v]) continue;
+        is_used[v] = true;
         ++vertices_;
       }
-      join(t[0], t[1]);
-      join(t[1], t[2]);
-    }
-    for (std::size_t v = 0; v < point_count; ++v) {
-      if (parent_[v] == static_cast<std::int32_t>(v)) ++components_;
+      joins_ += sets.join(t[0], t[1]) ? 1 : 0;
+      joins_ += sets.join(t[1], t[2]) ? 1 : 0;
     }
   }
 
   [[nodiscard]] std::size_t vertices() const { return vertices_; }
 
-  [[nodiscard]] std::size_t components() const { return components_; }
+  [[nodiscard]] std::size_t components() const { return vertices_ - joins_; }
 
  private:
-  std::int32_t find(std::int32_t i) {
-    while (parent_[i] != i)
-      i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-
-  void join(std::int32_t a, std::int32_t b) {
-    a = find(a);
-    b = find(b);
-    parent_[std::max(a, b)] = std::min(a, b);
-  }
-
-  std::vector<std::int32_t> parent_;
-  std::size_t vertices_ = 0, components_ = 0;
+  std::size_t vertices_ = 0, joins_ = 0;
 };
 
 BoundaryReport inspect(const std::vector<Triangle>& triangles, std::size_t point_count) {
@@ -411,9 +393,6 @@ void check_boundaries(const InterfaceMesh& mesh, std::size_t material_count, Val
 
 // --- checks of a tet mesh ------------------------------------------------------------------------
 
-// The faces of a positive tet, their normals pointing out of it.
-constexpr std::array<Triangle, 4> kOutwardFaces{{{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}}};
-
 // One use of a triangle: by a tet (owner >= 0) or by facet -1 - owner of the surface.
 struct FaceUse {
   Triangle key;
@@ -429,10 +408,8 @@ std::vector<FaceUse> collect_faces(const TetMesh& mesh) {
   const std::size_t tets = mesh.tets.size();
   std::vector<FaceUse> uses(tets * 4 + mesh.surface.facets.size());
   parallel_for_each_index(0, tets, [&](std::size_t t) {
-    for (int n = 0; n < 4; ++n) {
-      Triangle face{};
-      for (int c = 0; c < 3; ++c)
-        face[c] = mesh.tets[t][kOutwardFaces[n][c]];
+    for (std::size_t n = 0; n < 4; ++n) {
+      const Triangle face = tet_face(mesh.tets[t], n);
       uses[t * 4 + n] = {sorted(face), static_cast<std::int32_t>(t), is_even(face)};
     }
   });

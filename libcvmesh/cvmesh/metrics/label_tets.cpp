@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/metrics/label_tets.h"
 
+#include "cvmesh/core/disjoint_sets.h"
 #include "cvmesh/core/parallel.h"
+#include "cvmesh/mesh/tet_faces.h"
 #include "cvmesh/mesh/tet_predicates.h"
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <tuple>
 #include <utility>
 
@@ -17,7 +18,6 @@ using Triangle = std::array<std::int32_t, 3>;
 using Tet = std::array<std::int32_t, 4>;
 
 // Faces opposite to vertex k, counter-clockwise from outside a positive tet.
-constexpr std::array<Triangle, 4> kOutward = {{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
 constexpr double kOnWallVox = 1e-6;  // files round coordinates
 
 struct FaceUse {
@@ -96,9 +96,7 @@ class Builder {
     parallel_for_each_index(0, tets_.size(), [&](std::size_t t) {
       for (std::size_t k = 0; k < 4; ++k) {
         FaceUse& use = faces_[4 * t + k];
-        for (std::size_t c = 0; c < 3; ++c)
-          use.key[c] = tets_[t][kOutward[k][c]];
-        std::sort(use.key.begin(), use.key.end());
+        use.key = sorted(tet_face(tets_[t], k));
         use.tet = static_cast<std::int32_t>(t);
         use.corner = static_cast<std::int8_t>(k);
       }
@@ -136,9 +134,7 @@ class Builder {
                        b = second != nullptr ? material_of[second->tet] : kExterior;
       if (a == b) return;
       const FaceUse& inside = a > b ? first : *second;
-      Triangle facet;
-      for (std::size_t c = 0; c < 3; ++c)
-        facet[c] = tets_[inside.tet][kOutward[inside.corner][c]];
+      const Triangle facet = tet_face(tets_[inside.tet], static_cast<std::size_t>(inside.corner));
       result_.mesh.surface.facets.push_back(facet);
       result_.mesh.surface.patch_of.push_back(
           {{std::max(a, b), std::min(a, b)},
@@ -160,19 +156,13 @@ class Builder {
 
   void find_solids() {
     const auto& material_of = result_.mesh.material_of;
-    std::vector<std::int32_t> parent(tets_.size());
-    std::iota(parent.begin(), parent.end(), 0);
-    const auto find = [&](std::int32_t t) {
-      while (parent[t] != t)
-        t = parent[t] = parent[parent[t]];
-      return t;
-    };
+    DisjointSets parts(tets_.size());
     for_each_face([&](const FaceUse& first, const FaceUse* second, std::size_t) {
       const MaterialId a = material_of[first.tet];
       ++result_.solids[a].euler;
       if (second == nullptr) return;
       if (material_of[second->tet] == a)
-        parent[find(second->tet)] = find(first.tet);
+        parts.join(first.tet, second->tet);
       else
         ++result_.solids[material_of[second->tet]].euler;
     });
@@ -181,7 +171,7 @@ class Builder {
     for (std::size_t t = 0; t < tets_.size(); ++t) {
       const MaterialId m = material_of[t];
       --result_.solids[m].euler;
-      if (parent[t] == static_cast<std::int32_t>(t)) ++result_.solids[m].components;
+      if (parts.is_root(static_cast<std::uint32_t>(t))) ++result_.solids[m].components;
       for (std::size_t i = 0; i < 4; ++i) {
         vertices.emplace_back(m, tets_[t][i], 0);
         for (std::size_t j = i + 1; j < 4; ++j)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/pipeline/check_mesh.h"
 
+#include "cvmesh/core/disjoint_sets.h"
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/pipeline/stage_names.h"
@@ -8,7 +9,6 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <functional>
-#include <numeric>
 
 namespace cvmesh {
 
@@ -23,23 +23,18 @@ std::vector<std::size_t> count_solids(const InterfaceMesh& mesh, std::size_t mat
     facets_of[mesh.patch_of[f].sides.outside].push_back(static_cast<std::int32_t>(f));
   }
   std::vector<std::size_t> solids(material_count, 0);
-  std::vector<std::int32_t> parent(mesh.points.size());
-  const auto find = [&](std::int32_t v) {
-    while (parent[v] != v)
-      v = parent[v] = parent[parent[v]];
-    return v;
-  };
+  DisjointSets boundaries(mesh.points.size());
   std::vector<double> volume(mesh.points.size());
   for (std::size_t m = 1; m < material_count; ++m) {
-    std::iota(parent.begin(), parent.end(), 0);
+    boundaries.reset();
     std::fill(volume.begin(), volume.end(), 0.0);
     for (const std::int32_t f : facets_of[m])
       for (int k = 1; k < 3; ++k)
-        parent[find(mesh.facets[f][k])] = find(mesh.facets[f][0]);
+        boundaries.join(mesh.facets[f][0], mesh.facets[f][k]);
     for (const std::int32_t f : facets_of[m]) {
       const auto& [a, b, c] = mesh.facets[f];
       // Relative to a vertex of the component, so that large coordinates cost no digits.
-      const std::int32_t root = find(a);
+      const std::uint32_t root = boundaries.find(a);
       const double part =
           volume6(mesh.points[root], mesh.points[a], mesh.points[b], mesh.points[c]);
       volume[root] += mesh.patch_of[f].sides.inside == m ? part : -part;

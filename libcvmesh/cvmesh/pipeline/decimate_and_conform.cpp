@@ -20,7 +20,8 @@ namespace {
 /// Throws what cannot be made conformal, in the words of the user's labels.
 class Refusals {
  public:
-  explicit Refusals(const std::vector<Label>& label_of) : label_of_(label_of) {}
+  Refusals(const MeshNames& names, std::size_t material_count)
+      : names_(names), material_count_(material_count) {}
 
   void refuse_differences(const ConformEdgesStats& stats) const {
     const EdgeConformity total = stats.total();
@@ -33,7 +34,7 @@ class Refusals {
                     "one boundary only, on the interfaces of {} pairs of labels, the first {} at "
                     "{}",
                     total.edges_not_flippable, total.vertices_differing.size(), bad,
-                    between(first->sides), place(*first->result.obstacle)));
+                    between(first->sides), names_.place(*first->result.obstacle)));
   }
 
   /// Every edge has two facets of a material, or none.
@@ -68,7 +69,7 @@ class Refusals {
         fmt::format("{} edges have other than two facets of a material, because two interfaces "
                     "got the same edge, the first {} at {}",
                     bad, between(mesh.patch_of[side.facet].sides),
-                    place(0.5 * (mesh.points[side.a] + mesh.points[side.b]))));
+                    names_.place(0.5 * (mesh.points[side.a] + mesh.points[side.b]))));
   }
 
   void refuse_intersections(const InterfaceMesh& mesh) const {
@@ -82,11 +83,11 @@ class Refusals {
                     "out apart: the first {} and {} at {}",
                     pairs.size() < kMostPairs ? "" : "more than ", pairs.size(),
                     between(mesh.patch_of[f].sides), between(mesh.patch_of[g].sides),
-                    place((mesh.points[t[0]] + mesh.points[t[1]] + mesh.points[t[2]]) / 3)));
+                    names_.place((mesh.points[t[0]] + mesh.points[t[1]] + mesh.points[t[2]]) / 3)));
   }
 
   void refuse_other_faults(const InterfaceMesh& mesh) const {
-    const Validation validation = validate(mesh, label_of_.size());
+    const Validation validation = validate(mesh, material_count_);
     if (!validation.is_valid()) fail("the joined surfaces are not valid: " + validation.summary());
   }
 
@@ -96,19 +97,13 @@ class Refusals {
                 what + "; set schedule to \"lock-step\", or lower epsilon");
   }
 
-  [[nodiscard]] std::string name(MaterialId m) const {
-    return m == kExterior ? "the exterior" : fmt::format("label {}", label_of_[m]);
-  }
-
   [[nodiscard]] std::string between(const Sides& sides) const {
-    return fmt::format("between {} and {}", name(sides.outside), name(sides.inside));
+    return fmt::format("between {} and {}", names_.material(sides.outside),
+                       names_.material(sides.inside));
   }
 
-  static std::string place(const Vec3& p) {
-    return fmt::format("({:g}, {:g}, {:g}) grid mm", p.x, p.y, p.z);
-  }
-
-  const std::vector<Label>& label_of_;
+  const MeshNames& names_;
+  std::size_t material_count_;
 };
 
 MaterialSurfaces join(const ConformEdgesResult& conformed, std::size_t material_count) {
@@ -147,7 +142,7 @@ DecimateResult decimate_and_conform(Run& run,
             conform_edges(std::move(decimated.boundaries), points, run.context);
         conformed.stats.boundaries_repeated = decimated.repeated;
         run.report.stages.edge_conformity = conformed.stats;  // a failed run tells them, too
-        require_conformal(conformed, labels.label_of);
+        require_conformal(conformed, names_in_messages(run), labels.material_count());
         return join(conformed, labels.material_count());
       },
       [&](const MaterialSurfaces&) {
@@ -159,8 +154,10 @@ DecimateResult decimate_and_conform(Run& run,
   return {std::move(surfaces), std::move(decimated.stats)};
 }
 
-void require_conformal(const ConformEdgesResult& conformed, const std::vector<Label>& label_of) {
-  const Refusals refusals(label_of);
+void require_conformal(const ConformEdgesResult& conformed,
+                       const MeshNames& names,
+                       std::size_t material_count) {
+  const Refusals refusals(names, material_count);
   refusals.refuse_differences(conformed.stats);
   refusals.refuse_shared_edges(conformed.mesh);
   refusals.refuse_other_faults(conformed.mesh);

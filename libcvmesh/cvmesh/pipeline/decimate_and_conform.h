@@ -25,6 +25,8 @@ DecimateResult decimate_and_conform(Run& run,
 /// Nothing, if the patches of all masters make one valid surface.
 /// @throws Error StageFailed, with how many, between which labels and where, if vertices or edges
 ///         are not the same in both boundaries, an edge lies on two interfaces, or facets intersect
-void require_conformal(const ConformEdgesResult& conformed, const std::vector<Label>& label_of);
+void require_conformal(const ConformEdgesResult& conformed,
+                       const MeshNames& names,
+                       std::size_t material_count);
 
 }  // namespace cvmesh

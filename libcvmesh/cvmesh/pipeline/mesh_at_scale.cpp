@@ -223,6 +223,7 @@ TetMesh fill_once(Run& run,
   options.max_vertex_shift_mm = shifts.of_vertices_vox * labels.frame().voxel_mm();
   options.min_split_edge_mm = kLeastSplitEdgeVox * labels.frame().voxel_mm();
   options.max_splits_per_vertex = kMostSplitsPerVertex;
+  options.names = names_in_messages(run);
   TetrahedralizeResult filled = run.stage.run(
       stage_names::kTetrahedra,
       [&] {

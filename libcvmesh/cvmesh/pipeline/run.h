@@ -2,6 +2,7 @@
 #pragma once
 
 #include "cvmesh/mesh/interface_mesh.h"
+#include "cvmesh/mesh/mesh_names.h"
 #include "cvmesh/pipeline/output_folder.h"
 #include "cvmesh/pipeline/pipeline.h"
 #include "cvmesh/pipeline/stage_runner.h"
@@ -31,5 +32,9 @@ struct Dense {
 inline bool is_baseline(const Run& run) {
   return run.request.parameters.surface == SurfaceMethod::Delaunay;
 }
+
+/// What messages call materials and places: by label, and in the space of the output. For as long
+/// as the run lives.
+MeshNames names_in_messages(const Run& run);
 
 }  // namespace cvmesh

@@ -2,6 +2,7 @@
 #include "cvmesh/sizing/compute_sizing_field.h"
 
 #include "cvmesh/core/assert.h"
+#include "cvmesh/core/disjoint_sets.h"
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
 #include "cvmesh/sizing/limit_gradation.h"
@@ -15,7 +16,6 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
-#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -41,29 +41,6 @@ constexpr double kThreeFacets = 2 * M_PI / 3;
 
 // Area of the hexagon that a vertex owns at spacing h, over h^2.
 const double kHexagon = std::sqrt(3.0) / 2;
-
-class DisjointSets {
- public:
-  explicit DisjointSets(std::size_t n) : parent_(n) {
-    std::iota(parent_.begin(), parent_.end(), std::int32_t{0});
-  }
-
-  std::int32_t find(std::int32_t x) {
-    while (parent_[x] != x)
-      x = parent_[x] = parent_[parent_[x]];
-    return x;
-  }
-
-  // The smaller root stays, so roots do not depend on the order of the unions.
-  void unite(std::int32_t x, std::int32_t y) {
-    x = find(x);
-    y = find(y);
-    parent_[std::max(x, y)] = std::min(x, y);
-  }
-
- private:
-  std::vector<std::int32_t> parent_;
-};
 
 // Makes h at most `highest` at the nodes in a box. A box too small to hold a node of an axis gives
 // its size to the nodes on both sides of its middle.
@@ -181,14 +158,14 @@ void SizingProblem::cap_by_area(const VertexStars& stars) {
   const std::size_t count = dense_.points.size();
   for (std::size_t v = 0; v < count; ++v)
     visit_materials(
-        v, [](std::int32_t) {}, [&](std::int32_t a, std::int32_t b) { sets.unite(a, b); });
+        v, [](std::int32_t) {}, [&](std::int32_t a, std::int32_t b) { sets.join(a, b); });
   std::vector<double> area(2 * dense_.facets.size(), 0);
   for (std::size_t f = 0; f < dense_.facets.size(); ++f) {
     const auto& [a, b, c] = dense_.facets[f];
     const double facet_area =
         0.5 * norm(area_vector2(dense_.points[a], dense_.points[b], dense_.points[c]));
     for (const auto sided : {2 * f, 2 * f + 1})
-      area[sets.find(static_cast<std::int32_t>(sided))] += facet_area;
+      area[sets.find(static_cast<std::uint32_t>(sided))] += facet_area;
   }
   for (std::size_t v = 0; v < count; ++v)
     visit_materials(

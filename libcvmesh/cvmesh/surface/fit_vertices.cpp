@@ -35,18 +35,14 @@ constexpr double kShapeKept = 0.8, kGoodShape = 0.6;
 /// Normals this far apart (75 degrees) are a fold, and no edge may be folded more than it was.
 constexpr double kFoldCosine = 0.26;
 
-std::size_t at(std::int32_t id) {
-  return static_cast<std::size_t>(id);
-}
-
 double quality(const MaterialSurfaces& surfaces, const VertexTriple& t) {
   const auto& p = surfaces.points();
-  return triangle_quality(p[at(t[0])], p[at(t[1])], p[at(t[2])]);
+  return triangle_quality(p[t[0]], p[t[1]], p[t[2]]);
 }
 
 Vec3 unit_normal(const MaterialSurfaces& surfaces, const VertexTriple& t) {
   const auto& p = surfaces.points();
-  return normalized(area_vector2(p[at(t[0])], p[at(t[1])], p[at(t[2])]));
+  return normalized(area_vector2(p[t[0]], p[t[1]], p[t[2]]));
 }
 
 /// The samples of each facet side by side: as lists, most of the time went into waiting for memory.
@@ -66,7 +62,8 @@ class FacetSamples {
   }
 
   [[nodiscard]] std::span<const Vec3> of(std::int32_t facet) const {
-    return {positions_.data() + first_[at(facet)], positions_.data() + first_[at(facet) + 1]};
+    return {positions_.data() + first_[facet],
+            positions_.data() + first_[static_cast<std::size_t>(facet) + 1]};
   }
 
   [[nodiscard]] std::size_t count() const { return positions_.size(); }
@@ -96,7 +93,7 @@ double root_mean_square(const MaterialSurfaces& surfaces, const FacetSamples& sa
       [&](std::size_t f) {
         const auto& [a, b, c] = surfaces.facets()[f].vertices;
         const auto facet = static_cast<std::int32_t>(f);
-        return sum_of_squares(samples.of(facet), p[at(a)], p[at(b)], p[at(c)]);
+        return sum_of_squares(samples.of(facet), p[a], p[b], p[c]);
       },
       std::plus<>());
   return samples.count() > 0 ? std::sqrt(sum / static_cast<double>(samples.count())) : 0;
@@ -138,7 +135,7 @@ class Star {
     facets_.clear();
     ring_.clear();
     for (const auto f : ids_) {
-      VertexTriple t = surfaces_.facets()[at(f)].vertices;
+      VertexTriple t = surfaces_.facets()[f].vertices;
       while (t[0] != v)
         std::rotate(t.begin(), t.begin() + 1, t.end());
       facets_.push_back({f, t, unit_normal(surfaces_, t)});
@@ -157,10 +154,10 @@ class Star {
   /// own distance to `home` among them.
   [[nodiscard]] Vec3 best_place(const Vec3& home) const {
     const auto& p = surfaces_.points();
-    const Vec3& here = p[at(facets_.front().vertices[0])];
+    const Vec3& here = p[facets_.front().vertices[0]];
     NormalEquations equations;
     for (const Facet& facet : facets_) {
-      const Vec3 &b = p[at(facet.vertices[1])], &c = p[at(facet.vertices[2])];
+      const Vec3 &b = p[facet.vertices[1]], &c = p[facet.vertices[2]];
       const Vec3 inwards = cross(facet.normal, c - b);  // from the edge across
       const double full = dot(here - b, inwards);
       // All rows of a facet point along its normal.
@@ -180,10 +177,10 @@ class Star {
   /// What is minimised, as far as it depends on the vertex.
   [[nodiscard]] double squares(const Vec3& home) const {
     const auto& p = surfaces_.points();
-    double sum = squared_norm(p[at(facets_.front().vertices[0])] - home);
+    double sum = squared_norm(p[facets_.front().vertices[0]] - home);
     for (const Facet& facet : facets_) {
       const auto& [a, b, c] = facet.vertices;
-      sum += sum_of_squares(samples_.of(facet.id), p[at(a)], p[at(b)], p[at(c)]);
+      sum += sum_of_squares(samples_.of(facet.id), p[a], p[b], p[c]);
     }
     return sum;
   }
@@ -191,7 +188,7 @@ class Star {
   /// @param first_quality  of every facet, before the first move of all
   [[nodiscard]] bool keeps_shapes(const std::vector<double>& first_quality) const {
     for (const Facet& facet : facets_) {
-      const double least = kShapeKept * std::min(first_quality[at(facet.id)], kGoodShape);
+      const double least = kShapeKept * std::min(first_quality[facet.id], kGoodShape);
       if (quality(surfaces_, facet.vertices) < least) return false;
     }
     return std::all_of(folds_.begin(), folds_.end(), [&](const Fold& fold) {
@@ -210,8 +207,7 @@ class Star {
       const VertexTriple& t = facets_[n].vertices;
       if (guard.intersects_nearby(t) || guard.sweeps_over_part(from, t)) return false;
       for (const auto u : ring_)
-        if (u != t[0] && u != t[1] && u != t[2] &&
-            is_in_tet(p[at(u)], from, p[at(t[0])], p[at(t[1])], p[at(t[2])]))
+        if (u != t[0] && u != t[1] && u != t[2] && is_in_tet(p[u], from, p[t[0]], p[t[1]], p[t[2]]))
           return false;
       for (std::size_t m = 0; m < n; ++m)
         if (facets_intersect(p, t, facets_[m].vertices)) return false;
@@ -240,12 +236,12 @@ class Star {
       const Facet& facet = facets_[i];
       const auto other = surfaces_.facet_across(facet.id, facet.vertices[1], facet.vertices[2]);
       if (other >= 0) {
-        const Vec3 across = unit_normal(surfaces_, surfaces_.facets()[at(other)].vertices);
+        const Vec3 across = unit_normal(surfaces_, surfaces_.facets()[other].vertices);
         folds_.push_back({i, std::nullopt, across, dot(facet.normal, across)});
       }
       for (std::size_t j = 0; j < facets_.size(); ++j)
         if (facets_[j].vertices[2] == facet.vertices[1] &&
-            surfaces_.facets()[at(facets_[j].id)].patch == surfaces_.facets()[at(facet.id)].patch)
+            surfaces_.facets()[facets_[j].id].patch == surfaces_.facets()[facet.id].patch)
           folds_.push_back({i, j, {}, dot(facet.normal, facets_[j].normal)});
     }
   }
@@ -286,13 +282,14 @@ class VertexFitter {
       first_quality_[f] = quality(surfaces, facet.vertices);
       if (facet.patch.wall == 0) continue;
       for (const auto v : facet.vertices)
-        is_free_[at(v)] = false;
+        is_free_[v] = false;
     }
     const CounterRandom random(seed, "vertex fit");
     for (std::size_t v = 0; v < home_.size(); ++v)
       if (is_free_[v]) order_.push_back(static_cast<std::int32_t>(v));
     std::sort(order_.begin(), order_.end(), [&](std::int32_t a, std::int32_t b) {
-      return std::pair(random.bits(at(a)), a) < std::pair(random.bits(at(b)), b);
+      return std::pair(random.bits(static_cast<std::size_t>(a)), a) <
+             std::pair(random.bits(static_cast<std::size_t>(b)), b);
     });
     is_due_ = is_free_;
   }
@@ -303,9 +300,9 @@ class VertexFitter {
   std::size_t sweep(const Tell& tell) {
     std::vector<std::int32_t> queue;
     for (const auto v : order_)
-      if (is_due_[at(v)]) queue.push_back(v);
+      if (is_due_[v]) queue.push_back(v);
     for (const auto v : queue)
-      is_due_[at(v)] = false;
+      is_due_[v] = false;
     std::size_t moves = 0, done = 0;
     batches_.for_each(
         queue,
@@ -359,11 +356,11 @@ class VertexFitter {
     surfaces_.collect_star(v, attempt.facets);
     attempt.box = {};
     for (const auto f : attempt.facets)
-      for (const auto u : surfaces_.facets()[at(f)].vertices)
-        attempt.box.add(surfaces_.points()[at(u)]);
+      for (const auto u : surfaces_.facets()[f].vertices)
+        attempt.box.add(surfaces_.points()[u]);
     const Vec3 reach = max_shift_mm_ * Vec3{1, 1, 1}, margin = 2 * clearance_mm_ * Vec3{1, 1, 1};
-    attempt.box.add(home_[at(v)] - reach);
-    attempt.box.add(home_[at(v)] + reach);
+    attempt.box.add(home_[v] - reach);
+    attempt.box.add(home_[v] + reach);
     attempt.box = {attempt.box.lo - margin, attempt.box.hi + margin};
   }
 
@@ -373,7 +370,7 @@ class VertexFitter {
     const std::int32_t v = attempt.vertex;
     star.look_at(v, attempt.facets);
     attempt.ring = star.ring();
-    const Vec3 from = surfaces_.points()[at(v)], &home = home_[at(v)];
+    const Vec3 from = surfaces_.points()[v], &home = home_[v];
     Vec3 shift = star.best_place(home) - home;
     if (const double length = norm(shift); length > max_shift_mm_) shift *= max_shift_mm_ / length;
     const Vec3 step = home + shift - from;
@@ -381,7 +378,7 @@ class VertexFitter {
     Box3 box;
     box.add(from + step);
     for (const auto u : star.ring())
-      box.add(surfaces_.points()[at(u)]);
+      box.add(surfaces_.points()[u]);
     guard.begin(box, star.facets(), star.ring());
     const double enough = (1 - kLeastGain) * star.squares(home);
     double share = 1;
@@ -404,7 +401,7 @@ class VertexFitter {
     }
     if (!attempt.wakes) return;
     for (const auto u : attempt.ring)
-      is_due_[at(u)] = is_free_[at(u)];
+      is_due_[u] = is_free_[u];
   }
 
   MaterialSurfaces& surfaces_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/tet/cavity.h"
 
+#include "cvmesh/mesh/tet_faces.h"
 #include "cvmesh/tet/tet_score.h"
 
 #include <boost/container/small_vector.hpp>
@@ -20,11 +21,6 @@ constexpr std::size_t kMaxCavity = 40;  // tets
 /// Below this sine the sign of a volume is not certain in double precision.
 constexpr double kLeastSine = 1e-9;
 
-Face face_of(const Tet& tet, std::size_t k) {
-  const auto& f = OpenTets::kFaces[k];
-  return {tet[f[0]], tet[f[1]], tet[f[2]]};
-}
-
 double wall_sine(const OpenTets& tets, const Face& face, const Vec3& p) {
   return min_dihedral_sine(tets.point(face[0]), tets.point(face[1]), tets.point(face[2]), p);
 }
@@ -36,7 +32,7 @@ void add_to(const OpenTets& tets, Cavity& cavity, std::int32_t t, const Vec3& p)
     const std::int32_t n = tets.neighbour(t, k);
     if (n != kNone && std::find(cavity.tets.begin(), cavity.tets.end(), n) != cavity.tets.end())
       continue;
-    const Face outward = face_of(tets.tet(t), k);
+    const Face outward = tet_face(tets.tet(t), k);
     const Face face{outward[0], outward[2], outward[1]};
     cavity.walls.push_back({face, t, k, wall_sine(tets, face, p)});
   }
@@ -139,7 +135,7 @@ std::array<Vec3, 4> insertion_places(const OpenTets& tets, std::int32_t t) {
     size += distance(tets.point(tet[k]), tets.point(tet[(k + 1) % 4])) / 4;
     const std::int32_t n = tets.neighbour(t, k);
     if (n == kNone) {
-      const Face face = face_of(tet, k);
+      const Face face = tet_face(tet, k);
       away -=
           normalized(area_vector2(tets.point(face[0]), tets.point(face[1]), tets.point(face[2])));
       continue;

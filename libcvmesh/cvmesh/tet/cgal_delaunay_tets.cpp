@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/core/parallel.h"
+#include "cvmesh/mesh/tet_faces.h"
 #include "cvmesh/pipeline/stage_names.h"
 #include "cvmesh/tet/delaunay_tets.h"
 
@@ -31,10 +32,6 @@ using Delaunay =
 
 using Tet = std::array<std::int32_t, 4>;
 using Facet = std::array<std::int32_t, 3>;
-
-/// Corners of the face opposite to each corner of a positive tet, counter-clockwise from outside.
-constexpr std::array<std::array<int, 3>, 4> kOutwardFaces{
-    {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
 
 /// The material whose level set is largest at a point (grid mm).
 MaterialId material_at(const LevelSets& level_sets, const Vec3& p) {
@@ -85,8 +82,7 @@ Facet turned(Facet facet) {
 Tet turned(const Tet& tet) {
   const auto first =
       static_cast<std::size_t>(std::min_element(tet.begin(), tet.end()) - tet.begin());
-  const auto& face = kOutwardFaces[first];
-  const Facet opposite = turned(Facet{tet[face[0]], tet[face[1]], tet[face[2]]});
+  const Facet opposite = turned(tet_face(tet, first));
   return {tet[first], opposite[0], opposite[1], opposite[2]};
 }
 
@@ -107,9 +103,7 @@ Pieces collect(const Delaunay& delaunay) {
     for (int k = 0; k < 4; ++k) {
       const MaterialId other = cell->neighbor(k)->info();
       if (cell->info() <= other) continue;
-      const auto& face = kOutwardFaces[k];
-      pieces.facets.emplace_back(turned(Facet{tet[face[0]], tet[face[1]], tet[face[2]]}),
-                                 PatchKey{{cell->info(), other}, 0});
+      pieces.facets.emplace_back(turned(tet_face(tet, k)), PatchKey{{cell->info(), other}, 0});
     }
   }
   // A face between two materials belongs to the larger of them, so each was met once.

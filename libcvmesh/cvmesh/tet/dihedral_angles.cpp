@@ -2,6 +2,7 @@
 #include "cvmesh/tet/dihedral_angles.h"
 
 #include "cvmesh/core/parallel.h"
+#include "cvmesh/mesh/tet_faces.h"
 #include "cvmesh/tet/angle_bounds.h"
 #include "cvmesh/tet/open_tets.h"
 
@@ -24,7 +25,7 @@ std::array<double, 6> angles_of(const OpenTets& tets, std::int32_t t) {
   const Tet& tet = tets.tet(t);
   std::array<Vec3, 4> normals;
   for (std::size_t k = 0; k < 4; ++k) {
-    const auto& f = OpenTets::kFaces[k];
+    const auto& f = kTetFaces[k];
     normals[k] = area_vector2(tets.point(tet[f[0]]), tets.point(tet[f[1]]), tets.point(tet[f[2]]));
   }
   std::array<double, 6> angles;
@@ -74,7 +75,7 @@ double bound_of(const OpenTets& tets, std::int32_t t, const AngleBounds& bounds)
   double least = kPoorMinDeg;
   for (std::size_t k = 0; k < 4; ++k) {
     if (tets.neighbour(t, k) != OpenTets::kNone) continue;
-    const auto& f = OpenTets::kFaces[k];  // seen from outside
+    const auto& f = kTetFaces[k];  // seen from outside
     const Tet& tet = tets.tet(t);
     least = std::min(least, bounds.of_tet_on({tet[f[0]], tet[f[2]], tet[f[1]]}, kPoorMinDeg));
   }

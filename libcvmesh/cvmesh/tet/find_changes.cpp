@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/tet/find_changes.h"
 
+#include "cvmesh/mesh/tet_faces.h"
+
 #include <algorithm>
 #include <array>
 #include <limits>
@@ -95,7 +97,7 @@ void ChangeFinder::try_face_flip(std::int32_t t, std::size_t k, TetChange& best)
   before.add(tets_.score(other));
   const double floor = std::max(goal_.capped(before.worst), TetGoal::kLeastSine);
   TetChange change{TetChange::Kind::FaceFlip, {}, 0, {t, other}, {}};
-  const auto& f = OpenTets::kFaces[k];
+  const auto& f = kTetFaces[k];
   for (std::size_t i = 0; i < 3; ++i) {
     change.added.push_back({tet[k], far, tet[f[i]], tet[f[(i + 1) % 3]]});
     change.quality.add(tets_.score_of(change.added.back(), floor));

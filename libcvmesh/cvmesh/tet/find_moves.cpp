@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/tet/find_moves.h"
 
+#include "cvmesh/mesh/tet_faces.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -24,7 +26,7 @@ void MoveFinder::gather(std::int32_t v, Star& star) const {
   for (const std::int32_t t : star.tets) {
     const Tet& tet = star.corners.emplace_back(tets_.tet(t));
     const auto k = static_cast<std::size_t>(std::find(tet.begin(), tet.end(), v) - tet.begin());
-    const auto& [a, b, c] = OpenTets::kFaces[k];
+    const auto& [a, b, c] = kTetFaces[k];
     star.scores.add(tets_.point(tet[a]), tets_.point(tet[b]), tets_.point(tet[c]));
   }
   star.quality = quality_of(tets_, star.tets);
@@ -50,7 +52,7 @@ MoveFinder::Move MoveFinder::find_move(std::int32_t v, int halvings, Star& star)
   for (std::size_t k = 0; k < 4; ++k)
     if (star.corners[0][k] == v) {
       const Tet& worst = star.corners[0];
-      const auto& [f, g, h] = OpenTets::kFaces[k];
+      const auto& [f, g, h] = kTetFaces[k];
       escape = -normalized(
           area_vector2(tets_.point(worst[f]), tets_.point(worst[g]), tets_.point(worst[h])));
     }

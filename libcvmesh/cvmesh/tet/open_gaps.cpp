@@ -35,10 +35,6 @@ constexpr int kClearanceHalvings = 3;
 /// Of a move that is barred.
 constexpr int kMostHalvingsOfWay = 5;
 
-std::size_t at(std::int32_t index) {
-  return static_cast<std::size_t>(index);
-}
-
 bool holds(const OpenTets::Face& facet, std::int32_t v) {
   return facet[0] == v || facet[1] == v || facet[2] == v;
 }
@@ -73,7 +69,7 @@ GapOpener::GapOpener(OpenTets& tets,
   for (std::size_t f = 0; f < surface.facets.size(); ++f)
     if (const std::size_t wall = surface.patch_of[f].wall; wall != 0)
       for (const std::int32_t v : surface.facets[f])
-        is_fixed_[at(v)][(wall - 1) / 2] = true;
+        is_fixed_[v][(wall - 1) / 2] = true;
   for (std::size_t v = 0; v < is_frozen.size(); ++v)
     if (is_frozen[v]) is_fixed_[v] = {true, true, true};
 }
@@ -99,8 +95,8 @@ std::size_t GapOpener::open_once(Barred barred) {
   tried_.resize(tets_.point_count(), 0);
   for (Star& star : stars_of_poor_tets()) {
     if (tries_left_ == 0) break;
-    if (tets_.changed_at(star.v) <= tried_[at(star.v)]) continue;
-    tried_[at(star.v)] = tets_.now();
+    if (tets_.changed_at(star.v) <= tried_[star.v]) continue;
+    tried_[star.v] = tets_.now();
     sort(star);
     if (star.worst >= enough_) continue;
     --tries_left_;
@@ -114,7 +110,7 @@ std::size_t GapOpener::open_once(Barred barred) {
 
 std::vector<GapOpener::Star> GapOpener::stars_of_poor_tets() const {
   std::vector<std::pair<double, std::int32_t>> poor;
-  for (std::int32_t t = 0; at(t) < tets_.slot_count(); ++t)
+  for (std::int32_t t = 0; static_cast<std::size_t>(t) < tets_.slot_count(); ++t)
     if (tets_.score(t).min_sine < enough_) poor.emplace_back(tets_.score(t).min_sine, t);
   std::sort(poor.begin(), poor.end());
   std::vector<Star> stars;
@@ -122,18 +118,18 @@ std::vector<GapOpener::Star> GapOpener::stars_of_poor_tets() const {
   for (const auto& [sine, t] : poor) {
     if (stars.size() >= tries_left_) break;
     for (const std::int32_t v : tets_.tet(t)) {
-      if (star_of[at(v)] != kNone ||
-          (tets_.is_on_surface(v) && is_fixed_[at(v)] == std::array{true, true, true}))
+      if (star_of[v] != kNone ||
+          (tets_.is_on_surface(v) && is_fixed_[v] == std::array{true, true, true}))
         continue;
-      star_of[at(v)] = static_cast<std::int32_t>(stars.size());
+      star_of[v] = static_cast<std::int32_t>(stars.size());
       stars.push_back({v, {}, {}});
     }
   }
   // Around a vertex of the surface neighbours lead to one side only.
-  for (std::int32_t t = 0; at(t) < tets_.slot_count(); ++t) {
+  for (std::int32_t t = 0; static_cast<std::size_t>(t) < tets_.slot_count(); ++t) {
     if (tets_.is_removed(t)) continue;
     for (const std::int32_t v : tets_.tet(t))
-      if (star_of[at(v)] != kNone) stars[at(star_of[at(v)])].tets.push_back(t);
+      if (star_of[v] != kNone) stars[star_of[v]].tets.push_back(t);
   }
   return stars;
 }
@@ -191,10 +187,10 @@ Vec3 GapOpener::descent(const Star& star, const Vec3& p, double step) const {
 
 Vec3 GapOpener::within_reach(const Star& star, const Vec3& p) const {
   if (!tets_.is_on_surface(star.v)) return p;
-  const Vec3& home = home_[at(star.v)];
+  const Vec3& home = home_[star.v];
   Vec3 shift = p - home;
   for (int axis = 0; axis < 3; ++axis)
-    if (is_fixed_[at(star.v)][at(axis)]) shift[axis] = 0;
+    if (is_fixed_[star.v][axis]) shift[axis] = 0;
   const double way = norm(shift);
   return home + (way <= reach_ ? 1 : reach_ / way) * shift;
 }
@@ -260,10 +256,10 @@ bool GapOpener::keeps_shapes(const Star& star, const Vec3& p) const {
   for (const std::int32_t f : tets_.facets_at(star.v)) {
     std::array<Vec3, 3> c;
     for (std::size_t k = 0; k < 3; ++k)
-      c[k] = tets_.point(tets_.surface().facets[at(f)][k]);
+      c[k] = tets_.point(tets_.surface().facets[f][k]);
     before = std::min(before, triangle_quality(c[0], c[1], c[2]));
     for (std::size_t k = 0; k < 3; ++k)
-      if (tets_.surface().facets[at(f)][k] == star.v) c[k] = p;
+      if (tets_.surface().facets[f][k] == star.v) c[k] = p;
     after = std::min(after, triangle_quality(c[0], c[1], c[2]));
   }
   return after >= kLeastShapeKept * before;
@@ -272,8 +268,8 @@ bool GapOpener::keeps_shapes(const Star& star, const Vec3& p) const {
 std::optional<std::vector<OpenTets::Face>> GapOpener::outer_fan(std::int32_t v) const {
   std::vector<Face> facets;
   for (const std::int32_t f : tets_.facets_at(v)) {
-    if (tets_.surface().patch_of[at(f)].sides.outside != kExterior) continue;
-    Face facet = tets_.surface().facets[at(f)];
+    if (tets_.surface().patch_of[f].sides.outside != kExterior) continue;
+    Face facet = tets_.surface().facets[f];
     while (facet[0] != v)
       std::rotate(facet.begin(), facet.begin() + 1, facet.end());
     facets.push_back(facet);
@@ -356,13 +352,13 @@ bool GapOpener::is_swept_free(std::int32_t v, const Face& facet) {
   };
   bool is_swept_free = true;
   outer_->query(box, [&](const FacetIndex::Entry& entry) {
-    const Face& other = tets_.surface().facets[at(entry.id)];
+    const Face& other = tets_.surface().facets[entry.id];
     if (!is_swept_free || holds(other, v)) return;
     for (const Face& face : faces)
       if (facets_intersect(points_, face, other)) is_swept_free = false;
     for (const std::int32_t u : other)
       if (u != a && u != b &&
-          is_in_tet(points_[at(u)], points_[at(v)], points_.back(), points_[at(a)], points_[at(b)]))
+          is_in_tet(points_[u], points_[v], points_.back(), points_[a], points_[b]))
         is_swept_free = false;
     if (comes_nearer(other)) is_swept_free = false;
   });
@@ -385,14 +381,14 @@ void GapOpener::index_outer_facets() {
 
 void GapOpener::move(const Star& star, const Vec3& p) {
   tets_.move_point(star.v, p, star.tets);
-  tried_[at(star.v)] = tets_.now();
+  tried_[star.v] = tets_.now();
   if (!tets_.is_on_surface(star.v)) return;
-  points_[at(star.v)] = p;
+  points_[star.v] = p;
   if (!outer_) return;
   for (const std::int32_t f : tets_.facets_at(star.v)) {
-    if (tets_.surface().patch_of[at(f)].sides.outside != kExterior) continue;
+    if (tets_.surface().patch_of[f].sides.outside != kExterior) continue;
     outer_->remove(f);
-    outer_->insert(f, box_of(points_, tets_.surface().facets[at(f)]));
+    outer_->insert(f, box_of(points_, tets_.surface().facets[f]));
   }
 }
 

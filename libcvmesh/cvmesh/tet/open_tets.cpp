@@ -3,6 +3,7 @@
 
 #include "cvmesh/core/id_bits.h"
 #include "cvmesh/core/parallel.h"
+#include "cvmesh/mesh/tet_faces.h"
 
 #include <algorithm>
 #include <compare>
@@ -20,18 +21,8 @@ using Tet = OpenTets::Tet;
 
 constexpr TetScore kGone{std::numeric_limits<double>::infinity(), 1};
 
-std::size_t at(std::int32_t index) {
-  return static_cast<std::size_t>(index);
-}
-
-Face sorted(Face face) {
-  std::sort(face.begin(), face.end());
-  return face;
-}
-
 Face sorted_face(const Tet& tet, std::size_t k) {
-  const auto& f = OpenTets::kFaces[k];
-  return sorted({tet[f[0]], tet[f[1]], tet[f[2]]});
+  return sorted(tet_face(tet, k));
 }
 
 /// As `==`, which calls a function of the C library for it.
@@ -73,11 +64,12 @@ void OpenTets::connect() {
   };
   const std::size_t points = mesh_.points.size();
   std::vector<std::size_t> end(points + 1, 0);  // of the list of the vertex before
-  for_each_face([&](const Face& face, std::int32_t) { ++end[at(face[0]) + 1]; });
+  for_each_face(
+      [&](const Face& face, std::int32_t) { ++end[static_cast<std::size_t>(face[0]) + 1]; });
   std::partial_sum(end.begin(), end.end(), end.begin());
   std::vector<Record> records(end.back());
   for_each_face([&](const Face& face, std::int32_t owner) {
-    records[end[at(face[0])]++] = {face[1], face[2], owner};
+    records[end[face[0]]++] = {face[1], face[2], owner};
   });
   neighbours_.assign(tets_.size(), {kNone, kNone, kNone, kNone});
   parallel_for_each_index(0, points, [&](std::size_t v) {
@@ -89,14 +81,14 @@ void OpenTets::connect() {
       const std::int32_t s = list[i].owner, t = list[i + 1].owner;
       if (s == kNone || !list[i].is_same_face(list[i + 1])) continue;
       if (i > 0 && list[i - 1].is_same_face(list[i])) continue;  // a facet
-      neighbours_[at(s / 4)][at(s % 4)] = t / 4;
-      neighbours_[at(t / 4)][at(t % 4)] = s / 4;
+      neighbours_[s / 4][s % 4] = t / 4;
+      neighbours_[t / 4][t % 4] = s / 4;
     }
   });
   tet_of_.assign(mesh_.points.size(), kNone);
   for (std::size_t t = 0; t < tets_.size(); ++t)
     for (const std::int32_t v : tets_[t])
-      tet_of_[at(v)] = static_cast<std::int32_t>(t);
+      tet_of_[v] = static_cast<std::int32_t>(t);
 }
 
 void OpenTets::close() {
@@ -117,7 +109,7 @@ void OpenTets::compact_points() {
   std::vector<std::int32_t> new_index(mesh_.points.size(), kNone);
   for (const Tet& tet : mesh_.tets)
     for (const std::int32_t v : tet)
-      new_index[at(v)] = 0;
+      new_index[v] = 0;
   std::size_t kept = 0;
   for (std::size_t v = 0; v < mesh_.points.size(); ++v) {
     if (!is_on_surface(static_cast<std::int32_t>(v)) && new_index[v] == kNone) continue;
@@ -127,13 +119,13 @@ void OpenTets::compact_points() {
   mesh_.points.resize(kept);
   for (Tet& tet : mesh_.tets)
     for (std::int32_t& v : tet)
-      v = new_index[at(v)];
+      v = new_index[v];
 }
 
 void OpenTets::find_star(std::int32_t v, std::vector<std::int32_t>& star) const {
   star.clear();
-  if (tet_of_[at(v)] == kNone) return;
-  star.push_back(tet_of_[at(v)]);
+  if (tet_of_[v] == kNone) return;
+  star.push_back(tet_of_[v]);
   // A star holds about 25 tets: looking through them costs less than marks that threads share.
   IdBits bits(star);
   for (std::size_t i = 0; i < star.size(); ++i)
@@ -156,11 +148,11 @@ void OpenTets::replace(const std::vector<std::int32_t>& removed, const std::vect
   std::vector<Open> open;
   ++stamp_;
   for (const std::int32_t t : removed)
-    stamps_[at(t)] = stamp_;
+    stamps_[t] = stamp_;
   for (const std::int32_t t : removed)
     for (std::size_t k = 0; k < 4; ++k) {
       const std::int32_t n = neighbour(t, k);
-      if (n != kNone && stamps_[at(n)] == stamp_) continue;
+      if (n != kNone && stamps_[n] == stamp_) continue;
       const Face face = sorted_face(tet(t), k);
       std::size_t place = 0;
       if (n != kNone) {
@@ -173,22 +165,22 @@ void OpenTets::replace(const std::vector<std::int32_t>& removed, const std::vect
   for (const std::int32_t t : removed) {
     remember_slot(t);
     for (const std::int32_t v : tet(t))
-      if (tet_of_[at(v)] != kNone && stamps_[at(tet_of_[at(v)])] == stamp_) set_hint(v, kNone);
+      if (tet_of_[v] != kNone && stamps_[tet_of_[v]] == stamp_) set_hint(v, kNone);
   }
-  const MaterialId material = materials_[at(removed[0])];
+  const MaterialId material = materials_[removed[0]];
   std::vector<std::int32_t> slots = removed;
   while (slots.size() < added.size())
     slots.push_back(new_slot(material));
   for (std::size_t i = added.size(); i < slots.size(); ++i) {
-    tets_[at(slots[i])] = {kNone, kNone, kNone, kNone};
-    scores_[at(slots[i])] = kGone;
+    tets_[slots[i]] = {kNone, kNone, kNone, kNone};
+    scores_[slots[i]] = kGone;
     (is_trial_ ? freed_in_trial_ : free_).push_back(slots[i]);
   }
   ++clock_;
   for (std::size_t i = 0; i < added.size(); ++i) {
     const std::int32_t t = slots[i];
-    tets_[at(t)] = added[i];
-    scores_[at(t)] = score_of(added[i]);
+    tets_[t] = added[i];
+    scores_[t] = score_of(added[i]);
     for (std::size_t k = 0; k < 4; ++k) {
       set_hint(added[i][k], t);
       mark_changed(added[i][k]);
@@ -197,10 +189,10 @@ void OpenTets::replace(const std::vector<std::int32_t>& removed, const std::vect
                                       [&](const Open& o) { return are_same(o.face, face); });
       if (match == open.end()) {
         open.push_back({face, t, k});
-        neighbours_[at(t)][k] = kNone;
+        neighbours_[t][k] = kNone;
       } else {
-        neighbours_[at(t)][k] = match->tet;
-        if (match->tet != kNone) neighbours_[at(match->tet)][match->place] = t;
+        neighbours_[t][k] = match->tet;
+        if (match->tet != kNone) neighbours_[match->tet][match->place] = t;
         *match = open.back();
         open.pop_back();
       }
@@ -211,27 +203,27 @@ void OpenTets::replace(const std::vector<std::int32_t>& removed, const std::vect
 std::int32_t OpenTets::find_facet(const Face& face) const {
   if (!is_on_surface(face[0]) || !is_on_surface(face[1]) || !is_on_surface(face[2])) return kNone;
   const Face wanted = sorted(face);
-  for (const std::int32_t f : facets_of_[at(face[0])])
-    if (sorted(mesh_.surface.facets[at(f)]) == wanted) return f;
+  for (const std::int32_t f : facets_of_[face[0]])
+    if (sorted(mesh_.surface.facets[f]) == wanted) return f;
   return kNone;
 }
 
 int OpenTets::count_facets_at(std::int32_t v, std::int32_t w) const {
-  const auto& facets = facets_of_[at(v)];
+  const auto& facets = facets_of_[v];
   return static_cast<int>(std::count_if(facets.begin(), facets.end(), [&](std::int32_t f) {
-    const Face& corners = mesh_.surface.facets[at(f)];
+    const Face& corners = mesh_.surface.facets[f];
     return std::find(corners.begin(), corners.end(), w) != corners.end();
   }));
 }
 
 void OpenTets::set_facet(std::int32_t facet, const Face& corners) {
-  Face& now = mesh_.surface.facets[at(facet)];
+  Face& now = mesh_.surface.facets[facet];
   if (is_trial_) facets_before_.push_back({facet, now});
   for (const std::int32_t v : now)
-    std::erase(facets_of_[at(v)], facet);
+    std::erase(facets_of_[v], facet);
   now = corners;
   for (const std::int32_t v : now)
-    facets_of_[at(v)].push_back(facet);
+    facets_of_[v].push_back(facet);
 }
 
 void OpenTets::find_facets_at_points() {
@@ -239,7 +231,7 @@ void OpenTets::find_facets_at_points() {
   facets_of_.resize(mesh_.surface.points.size());
   for (std::size_t f = 0; f < mesh_.surface.facets.size(); ++f)
     for (const std::int32_t v : mesh_.surface.facets[f])
-      facets_of_[at(v)].push_back(static_cast<std::int32_t>(f));
+      facets_of_[v].push_back(static_cast<std::int32_t>(f));
 }
 
 void OpenTets::find_tets_at_facets() {
@@ -278,11 +270,11 @@ bool OpenTets::hand_over(std::int32_t t, std::size_t e) {
     return false;
   const std::int32_t f = find_facet({a, b, c}), g = find_facet({a, b, d});
   if (f == kNone || g == kNone) return false;
-  const PatchKey patch = mesh_.surface.patch_of[at(f)];
-  if (!(patch == mesh_.surface.patch_of[at(g)]) || patch.wall != 0 || count_facets_at(a, b) != 2 ||
+  const PatchKey patch = mesh_.surface.patch_of[f];
+  if (!(patch == mesh_.surface.patch_of[g]) || patch.wall != 0 || count_facets_at(a, b) != 2 ||
       count_facets_at(c, d) != 0)
     return false;
-  const MaterialId from = materials_[at(t)];
+  const MaterialId from = materials_[t];
   const MaterialId to = patch.sides.inside == from ? patch.sides.outside : patch.sides.inside;
   const FaceOfTet* beyond_f = find_beyond({a, b, c}, t);
   const FaceOfTet* beyond_g = find_beyond({a, b, d}, t);
@@ -290,7 +282,7 @@ bool OpenTets::hand_over(std::int32_t t, std::size_t e) {
     return false;
 
   // The facets run b -> c -> a and a -> d -> b around the quad, or the other way.
-  const Face& old = mesh_.surface.facets[at(f)];
+  const Face& old = mesh_.surface.facets[f];
   const bool is_forward =
       (old[0] == a && old[1] == b) || (old[1] == a && old[2] == b) || (old[2] == a && old[0] == b);
   set_facet(f, is_forward ? Face{a, d, c} : Face{a, c, d});
@@ -302,8 +294,8 @@ bool OpenTets::hand_over(std::int32_t t, std::size_t e) {
     remember_slot(n);
     const Face face = sorted_face(corners, opposite);
     for (std::size_t k = 0; k < 4; ++k)
-      if (neighbour(n, k) == t && sorted_face(tet(n), k) == face) neighbours_[at(n)][k] = kNone;
-    neighbours_[at(t)][opposite] = kNone;
+      if (neighbour(n, k) == t && sorted_face(tet(n), k) == face) neighbours_[n][k] = kNone;
+    neighbours_[t][opposite] = kNone;
   }
   for (const std::int32_t v : corners)
     mark_changed(v);
@@ -312,17 +304,17 @@ bool OpenTets::hand_over(std::int32_t t, std::size_t e) {
     set_hint(b, beside_b);
     set_hint(c, beside_a);
     set_hint(d, beside_a);
-    tets_[at(t)] = {kNone, kNone, kNone, kNone};
-    scores_[at(t)] = kGone;
+    tets_[t] = {kNone, kNone, kNone, kNone};
+    scores_[t] = kGone;
     (is_trial_ ? freed_in_trial_ : free_).push_back(t);
     return true;
   }
-  materials_[at(t)] = to;
+  materials_[t] = to;
   for (const auto& [beyond, opposite] :
        {std::pair(beyond_f, place_d), std::pair(beyond_g, place_c)}) {
     remember_slot(beyond->tet);
-    neighbours_[at(beyond->tet)][beyond->place] = t;
-    neighbours_[at(t)][opposite] = beyond->tet;
+    neighbours_[beyond->tet][beyond->place] = t;
+    neighbours_[t][opposite] = beyond->tet;
   }
   return true;
 }
@@ -342,15 +334,15 @@ void OpenTets::move_point(std::int32_t v,
   ++clock_;
   for (const std::int32_t t : star) {
     remember_slot(t);
-    scores_[at(t)] = score_of(tet(t));
+    scores_[t] = score_of(tet(t));
     for (const std::int32_t u : tet(t))
       mark_changed(u);
   }
 }
 
 void OpenTets::set_position(std::int32_t v, const Vec3& position) {
-  mesh_.points[at(v)] = position;
-  if (is_on_surface(v)) mesh_.surface.points[at(v)] = position;
+  mesh_.points[v] = position;
+  if (is_on_surface(v)) mesh_.surface.points[v] = position;
 }
 
 void OpenTets::begin_trial() {
@@ -373,19 +365,19 @@ void OpenTets::keep_trial() {
 void OpenTets::undo_trial() {
   is_trial_ = false;  // what follows is not to be remembered
   for (auto slot = slots_before_.rbegin(); slot != slots_before_.rend(); ++slot) {
-    tets_[at(slot->t)] = slot->tet;
-    materials_[at(slot->t)] = slot->material;
-    neighbours_[at(slot->t)] = slot->neighbours;
-    scores_[at(slot->t)] = slot->score;
+    tets_[slot->t] = slot->tet;
+    materials_[slot->t] = slot->material;
+    neighbours_[slot->t] = slot->neighbours;
+    scores_[slot->t] = slot->score;
   }
   for (auto facet = facets_before_.rbegin(); facet != facets_before_.rend(); ++facet)
     set_facet(facet->facet, facet->corners);
   for (auto p = points_before_.rbegin(); p != points_before_.rend(); ++p)
     set_position(p->v, p->position);
   for (auto hint = hints_before_.rbegin(); hint != hints_before_.rend(); ++hint)
-    tet_of_[at(hint->v)] = hint->t;
+    tet_of_[hint->v] = hint->t;
   for (auto change = changes_before_.rbegin(); change != changes_before_.rend(); ++change)
-    changed_at_[at(change->v)] = change->time;
+    changed_at_[change->v] = change->time;
   mesh_.points.resize(points_at_trial_);
   tet_of_.resize(points_at_trial_);
   changed_at_.resize(points_at_trial_);
@@ -403,28 +395,26 @@ std::pair<OpenTets::Poorness, OpenTets::Poorness> OpenTets::compare_trial(double
   };
   ++stamp_;
   for (const SlotBefore& slot : slots_before_) {
-    if (stamps_[at(slot.t)] == stamp_) continue;  // the first record is what was before the trial
-    stamps_[at(slot.t)] = stamp_;
+    if (stamps_[slot.t] == stamp_) continue;  // the first record is what was before the trial
+    stamps_[slot.t] = stamp_;
     add(slot.score.min_sine, before);
-    add(scores_[at(slot.t)].min_sine, after);
+    add(scores_[slot.t].min_sine, after);
   }
   return {before, after};
 }
 
 void OpenTets::remember_slot(std::int32_t t) {
-  if (is_trial_)
-    slots_before_.push_back(
-        {t, tets_[at(t)], materials_[at(t)], neighbours_[at(t)], scores_[at(t)]});
+  if (is_trial_) slots_before_.push_back({t, tets_[t], materials_[t], neighbours_[t], scores_[t]});
 }
 
 void OpenTets::set_hint(std::int32_t v, std::int32_t t) {
-  if (is_trial_) hints_before_.push_back({v, tet_of_[at(v)]});
-  tet_of_[at(v)] = t;
+  if (is_trial_) hints_before_.push_back({v, tet_of_[v]});
+  tet_of_[v] = t;
 }
 
 void OpenTets::mark_changed(std::int32_t v) {
-  if (is_trial_) changes_before_.push_back({v, changed_at_[at(v)]});
-  changed_at_[at(v)] = clock_;
+  if (is_trial_) changes_before_.push_back({v, changed_at_[v]});
+  changed_at_[v] = clock_;
 }
 
 std::int32_t OpenTets::new_slot(MaterialId material) {
@@ -439,7 +429,7 @@ std::int32_t OpenTets::new_slot(MaterialId material) {
   } else {
     t = free_.back();
     free_.pop_back();
-    materials_[at(t)] = material;
+    materials_[t] = material;
   }
   if (is_trial_) taken_in_trial_.push_back(t);
   remember_slot(t);

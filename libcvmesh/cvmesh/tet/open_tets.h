@@ -23,8 +23,6 @@ class OpenTets {
   using Face = std::array<std::int32_t, 3>;
   static constexpr std::int32_t kNone = -1;
 
-  /// Corners of face k (opposite corner k) of a positive tet, counter-clockwise from outside.
-  static constexpr std::size_t kFaces[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
   /// The edges, each with the other two corners such that (edge, rest) is an even permutation.
   static constexpr std::size_t kEdges[6][4] = {{0, 1, 2, 3}, {0, 2, 3, 1}, {0, 3, 1, 2},
                                                {1, 2, 0, 3}, {1, 3, 2, 0}, {2, 3, 0, 1}};

@@ -37,10 +37,6 @@ constexpr int kRings = 8;
 /// Vertices of the surface keep away from facets that are so near, over the longest way of one.
 constexpr double kReachOverShift = 2.1;
 
-std::size_t at(std::int32_t index) {
-  return static_cast<std::size_t>(index);
-}
-
 /// The poor tets, the worst first.
 /// @param lack  what their sines lack, squared and summed
 std::vector<std::int32_t> find_poor_tets(const TetMesh& mesh, double& lack) {
@@ -50,17 +46,17 @@ std::vector<std::int32_t> find_poor_tets(const TetMesh& mesh, double& lack) {
   parallel_for_each_index(0, sine.size(), [&](std::size_t t) {
     const auto& [a, b, c, d] = mesh.tets[t];
     const auto& p = mesh.points;
-    sine[t] = min_dihedral_sine(p[at(a)], p[at(b)], p[at(c)], p[at(d)]);
+    sine[t] = min_dihedral_sine(p[a], p[b], p[c], p[d]);
   });
   std::vector<std::int32_t> poor;
   for (std::size_t t = 0; t < sine.size(); ++t)
     if (sine[t] < enough) poor.push_back(static_cast<std::int32_t>(t));
   std::sort(poor.begin(), poor.end(), [&](std::int32_t s, std::int32_t t) {
-    return std::pair(sine[at(s)], s) < std::pair(sine[at(t)], t);
+    return std::pair(sine[s], s) < std::pair(sine[t], t);
   });
   lack = 0;
   for (const std::int32_t t : poor)
-    lack += (enough - sine[at(t)]) * (enough - sine[at(t)]);
+    lack += (enough - sine[t]) * (enough - sine[t]);
   return poor;
 }
 
@@ -119,8 +115,8 @@ std::vector<Vec3> centroids(const TetMesh& mesh, const std::vector<std::int32_t>
   result.reserve(tets.size());
   for (const std::int32_t t : tets) {
     Vec3 sum;
-    for (const std::int32_t v : mesh.tets[at(t)])
-      sum += mesh.points[at(v)];
+    for (const std::int32_t v : mesh.tets[t])
+      sum += mesh.points[v];
     result.push_back(sum / 4);
   }
   return result;
@@ -134,10 +130,10 @@ std::vector<std::int32_t> where_it_helped(const Refined& before, const Refined& 
   const std::vector<Vec3>& points = before.mesh.points;
   std::vector<std::int32_t> helped, found;
   for (std::size_t n = 0; n < before.poor.size(); ++n) {
-    const OpenTets::Tet& tet = before.mesh.tets[at(before.poor[n])];
+    const OpenTets::Tet& tet = before.mesh.tets[before.poor[n]];
     double longest = 0;
     for (const auto& [i, j, k, l] : OpenTets::kEdges)
-      longest = std::max(longest, distance(points[at(tet[i])], points[at(tet[j])]));
+      longest = std::max(longest, distance(points[tet[i]], points[tet[j]]));
     old_tree.within(old_places[n], longest, found);
     const std::size_t old_count = found.size();
     new_tree.within(old_places[n], longest, found);

@@ -27,10 +27,6 @@ constexpr double kMostShift = 0.25;
 
 using Edge = std::pair<std::int32_t, std::int32_t>;
 
-std::size_t at(std::int32_t index) {
-  return static_cast<std::size_t>(index);
-}
-
 /// Which interfaces meet along an edge of a surface, ascending and each once.
 using Patches = std::vector<PatchKey>;
 
@@ -61,14 +57,14 @@ struct CurveEdges {
 
   [[nodiscard]] Box3 box(std::size_t e) const {
     Box3 box;
-    box.add(mesh.points[at(edges[e].first.first)]);
-    box.add(mesh.points[at(edges[e].first.second)]);
+    box.add(mesh.points[edges[e].first.first]);
+    box.add(mesh.points[edges[e].first.second]);
     return box;
   }
 
   [[nodiscard]] Vec3 nearest(std::size_t e, const Vec3& p) const {
-    const Vec3 a = mesh.points[at(edges[e].first.first)];
-    const Vec3 along = mesh.points[at(edges[e].first.second)] - a;
+    const Vec3 a = mesh.points[edges[e].first.first];
+    const Vec3 along = mesh.points[edges[e].first.second] - a;
     const double length2 = squared_norm(along);
     const double s = length2 > 0 ? std::clamp(dot(p - a, along) / length2, 0.0, 1.0) : 0;
     return a + s * along;
@@ -117,7 +113,7 @@ class DenseSurface {
 };
 
 Vec3 middle_of(const TetMesh& mesh, const Edge& edge) {
-  return (mesh.points[at(edge.first)] + mesh.points[at(edge.second)]) / 2;
+  return (mesh.points[edge.first] + mesh.points[edge.second]) / 2;
 }
 
 /// Numbers the edges of all tets, ascending by their corners.
@@ -143,9 +139,9 @@ double least_jacobian_of(const TetMesh& mesh, std::size_t t) {
   std::array<Vec3, 4> corners;
   std::array<Vec3, 6> mids;
   for (std::size_t k = 0; k < 4; ++k)
-    corners[k] = mesh.points[at(mesh.tets[t][k])];
+    corners[k] = mesh.points[mesh.tets[t][k]];
   for (std::size_t e = 0; e < 6; ++e)
-    mids[e] = mesh.mid_points[at(mesh.mid_of[t][e])];
+    mids[e] = mesh.mid_points[mesh.mid_of[t][e]];
   return least_jacobian(corners, mids);
 }
 
@@ -169,7 +165,7 @@ void curve(TetMesh& mesh,
         const Vec3 middle = mesh.mid_points[n];
         const Vec3 way = target.nearest(middle, patches) - middle;
         const double most =
-            kMostShift * distance(mesh.points[at(edge.first)], mesh.points[at(edge.second)]);
+            kMostShift * distance(mesh.points[edge.first], mesh.points[edge.second]);
         if (norm(way) <= most) shift[n] = way;
       },
       64);
@@ -181,7 +177,7 @@ void curve(TetMesh& mesh,
     mesh.mid_points[n] = middle_of(mesh, edges[n]) + part * shift[n];
   };
   for (const std::int32_t n : node_of)
-    place(at(n));
+    place(static_cast<std::size_t>(n));
   // Each round looks at all tets as they are and only then moves nodes back, which ends after at
   // most `kHalvings` + 1 rounds for each node.
   std::vector<char> is_sound(mesh.tets.size());
@@ -193,22 +189,22 @@ void curve(TetMesh& mesh,
     for (std::size_t t = 0; t < mesh.tets.size(); ++t)
       if (is_sound[t] == 0)
         for (const std::int32_t n : mesh.mid_of[t])
-          if (halvings[at(n)] <= kHalvings && squared_norm(shift[at(n)]) > 0) back.push_back(n);
+          if (halvings[n] <= kHalvings && squared_norm(shift[n]) > 0) back.push_back(n);
     if (back.empty()) break;
     std::sort(back.begin(), back.end());
     back.erase(std::unique(back.begin(), back.end()), back.end());
     for (const std::int32_t n : back) {
-      ++halvings[at(n)];
-      place(at(n));
+      ++halvings[n];
+      place(static_cast<std::size_t>(n));
     }
   }
   for (const std::int32_t n : node_of) {
-    if (!(squared_norm(shift[at(n)]) > 0)) continue;
-    stats.held_back += halvings[at(n)] > 0 ? 1 : 0;
-    if (halvings[at(n)] > kHalvings) continue;
+    if (!(squared_norm(shift[n]) > 0)) continue;
+    stats.held_back += halvings[n] > 0 ? 1 : 0;
+    if (halvings[n] > kHalvings) continue;
     ++stats.moved;
-    stats.max_shift_mm = std::max(stats.max_shift_mm,
-                                  distance(mesh.mid_points[at(n)], middle_of(mesh, edges[at(n)])));
+    stats.max_shift_mm =
+        std::max(stats.max_shift_mm, distance(mesh.mid_points[n], middle_of(mesh, edges[n])));
   }
 }
 

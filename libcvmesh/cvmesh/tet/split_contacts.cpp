@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/tet/split_contacts.h"
 
+#include "cvmesh/core/disjoint_sets.h"
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/parallel.h"
+#include "cvmesh/mesh/tet_faces.h"
 
 #include <algorithm>
 #include <array>
@@ -21,44 +23,12 @@ constexpr std::array<std::array<std::size_t, 6>, 4> kFaceNodes = {
 
 using Triple = std::array<std::int32_t, 3>;
 
-std::size_t at(std::int32_t index) {
-  return static_cast<std::size_t>(index);
-}
-
-Triple sorted(Triple nodes) {
-  std::sort(nodes.begin(), nodes.end());
-  return nodes;
-}
-
 /// A face of a tet, to be found by its corners.
 struct Face {
   Triple corners;  ///< ascending
   std::int32_t tet = 0;
   std::uint8_t face = 0;
   friend auto operator<=>(const Face&, const Face&) = default;
-};
-
-/// Sets that grow together; the smallest member stands for each.
-class Groups {
- public:
-  explicit Groups(std::size_t count) : parent_(count) {
-    std::iota(parent_.begin(), parent_.end(), std::uint32_t{0});
-  }
-
-  std::uint32_t find(std::uint32_t member) {
-    while (parent_[member] != member)
-      member = parent_[member] = parent_[parent_[member]];
-    return member;
-  }
-
-  void join(std::uint32_t a, std::uint32_t b) {
-    a = find(a);
-    b = find(b);
-    parent_[std::max(a, b)] = std::min(a, b);
-  }
-
- private:
-  std::vector<std::uint32_t> parent_;
 };
 
 class ContactSplitter {
@@ -94,8 +64,8 @@ class ContactSplitter {
   /// The face of a facet on the side of a material.
   [[nodiscard]] const Face& face_on(const Triple& facet, MaterialId material) const;
   void mark_cut();
-  Groups group_wedges();
-  void number_copies(Groups& groups);
+  DisjointSets group_wedges();
+  void number_copies(DisjointSets& groups);
   void move_points();
   void rewrite_tets();
   void split_surface();
@@ -129,7 +99,7 @@ const Face& ContactSplitter::face_on(const Triple& facet, MaterialId material) c
   const Triple corners = sorted(facet);
   auto face = std::lower_bound(faces_.begin(), faces_.end(), Face{corners, 0, 0});
   for (; face != faces_.end() && face->corners == corners; ++face)
-    if (mesh_.material_of[at(face->tet)] == material) return *face;
+    if (mesh_.material_of[face->tet] == material) return *face;
   throw Error(ErrorCode::Internal, kStage, "a facet has no tet on one of its sides");
 }
 
@@ -141,15 +111,15 @@ void ContactSplitter::mark_cut() {
     cut_.push_back(sorted(surface.facets[i]));
     const Face& face = face_on(surface.facets[i], surface.patch_of[i].sides.inside);
     for (const std::size_t local : kFaceNodes[face.face])
-      if (local < locals()) is_on_cut_[at(node(at(face.tet), local))] = true;
+      if (local < locals()) is_on_cut_[node(static_cast<std::size_t>(face.tet), local)] = true;
   }
   std::sort(cut_.begin(), cut_.end());
   stats_.facets_cut = cut_.size();
 }
 
 /// Wedges (a tet at one of its nodes) that stay together.
-Groups ContactSplitter::group_wedges() {
-  Groups groups(mesh_.tets.size() * locals());
+DisjointSets ContactSplitter::group_wedges() {
+  DisjointSets groups(mesh_.tets.size() * locals());
   const auto local_of = [&](std::size_t tet, std::int32_t wanted) {
     std::size_t local = 0;
     while (node(tet, local) != wanted)
@@ -162,9 +132,11 @@ Groups ContactSplitter::group_wedges() {
     if (std::binary_search(cut_.begin(), cut_.end(), a.corners)) continue;
     for (const std::size_t local : kFaceNodes[a.face]) {
       if (local >= locals()) continue;
-      const std::int32_t shared = node(at(a.tet), local);
-      if (!is_on_cut_[at(shared)]) continue;
-      groups.join(wedge(at(a.tet), local), wedge(at(b.tet), local_of(at(b.tet), shared)));
+      const std::int32_t shared = node(static_cast<std::size_t>(a.tet), local);
+      if (!is_on_cut_[shared]) continue;
+      groups.join(wedge(static_cast<std::size_t>(a.tet), local),
+                  wedge(static_cast<std::size_t>(b.tet),
+                        local_of(static_cast<std::size_t>(b.tet), shared)));
     }
   }
   return groups;
@@ -172,7 +144,7 @@ Groups ContactSplitter::group_wedges() {
 
 /// New numbers of all wedges' nodes. Corners on a cut are points of the surface, so their copies
 /// follow these.
-void ContactSplitter::number_copies(Groups& groups) {
+void ContactSplitter::number_copies(DisjointSets& groups) {
   constexpr std::int32_t kNone = -1;
   const std::size_t wedges = mesh_.tets.size() * locals();
   std::vector<std::int32_t> copy_of_group(wedges, kNone);  // index into copies, of its first wedge
@@ -181,10 +153,10 @@ void ContactSplitter::number_copies(Groups& groups) {
   for (std::size_t tet = 0; tet < mesh_.tets.size(); ++tet)
     for (std::size_t local = 0; local < locals(); ++local) {
       const std::int32_t old = node(tet, local);
-      if (!is_on_cut_[at(old)]) continue;
+      if (!is_on_cut_[old]) continue;
       const std::uint32_t group = groups.find(wedge(tet, local));
-      if (keeper[at(old)] == kNone) keeper[at(old)] = group;
-      if (keeper[at(old)] == group || copy_of_group[group] != kNone) continue;
+      if (keeper[old] == kNone) keeper[old] = group;
+      if (keeper[old] == group || copy_of_group[group] != kNone) continue;
       std::vector<std::int32_t>& copies = local < 4 ? corners : mids;
       copy_of_group[group] = static_cast<std::int32_t>(copies.size());
       copies.push_back(old);
@@ -198,7 +170,7 @@ void ContactSplitter::number_copies(Groups& groups) {
     for (std::size_t local = 0; local < locals(); ++local) {
       const std::int32_t old = node(tet, local);
       std::int32_t number = old < surface_points ? old : old + shift;
-      if (is_on_cut_[at(old)]) {
+      if (is_on_cut_[old]) {
         const std::int32_t copy = copy_of_group[groups.find(wedge(tet, local))];
         if (copy != kNone) number = copy + (local < 4 ? surface_points : all_old + shift);
       }
@@ -212,17 +184,19 @@ void ContactSplitter::number_copies(Groups& groups) {
 void ContactSplitter::move_points() {
   std::vector<Vec3> copies;
   for (std::size_t i = 0; i < corner_copies_; ++i)
-    copies.push_back(mesh_.points[at(copied_from_[i])]);
+    copies.push_back(mesh_.points[copied_from_[i]]);
   const std::size_t surface_points = mesh_.surface.points.size();
   mesh_.points.insert(mesh_.points.begin() + static_cast<std::ptrdiff_t>(surface_points),
                       copies.begin(), copies.end());
   mesh_.surface.points.insert(mesh_.surface.points.end(), copies.begin(), copies.end());
   for (std::size_t i = corner_copies_; i < copied_from_.size(); ++i) {
-    const Vec3 copied = mesh_.mid_points[at(copied_from_[i]) - corner_count_];
+    const Vec3 copied = mesh_.mid_points[static_cast<std::size_t>(copied_from_[i]) - corner_count_];
     mesh_.mid_points.push_back(copied);
   }
   const auto shifted = [&](std::int32_t old) {
-    return at(old) < surface_points ? old : old + static_cast<std::int32_t>(corner_copies_);
+    return static_cast<std::size_t>(old) < surface_points
+               ? old
+               : old + static_cast<std::int32_t>(corner_copies_);
   };
   mesh_.original_of.resize(mesh_.points.size() + mesh_.mid_points.size());
   std::iota(mesh_.original_of.begin(), mesh_.original_of.end(), 0);
@@ -252,9 +226,9 @@ void ContactSplitter::split_surface() {
     mesh_.contacts.push_back({sides, {}});
   // What the corner `wanted` of a face is called now.
   const auto renamed = [&](const Face& face, std::int32_t wanted) {
-    const auto& corners = mesh_.tets[at(face.tet)];
+    const auto& corners = mesh_.tets[face.tet];
     const auto local = std::find(corners.begin(), corners.end(), wanted) - corners.begin();
-    return node_of_[wedge(at(face.tet), static_cast<std::size_t>(local))];
+    return node_of_[wedge(static_cast<std::size_t>(face.tet), static_cast<std::size_t>(local))];
   };
   for (std::size_t i = 0; i < old.facets.size(); ++i) {
     const PatchKey& patch = old.patch_of[i];
@@ -273,12 +247,12 @@ void ContactSplitter::split_surface() {
     auto& pairs = mesh_.contacts[static_cast<std::size_t>(contact - contacts_.begin())].pairs;
     for (const std::size_t local : kFaceNodes[inner.face]) {
       if (local >= locals()) continue;
-      const std::int32_t shared = node(at(inner.tet), local);
+      const std::int32_t shared = node(static_cast<std::size_t>(inner.tet), local);
       std::size_t other = 0;
-      while (node(at(outer.tet), other) != shared)
+      while (node(static_cast<std::size_t>(outer.tet), other) != shared)
         ++other;
-      pairs.push_back(
-          {node_of_[wedge(at(inner.tet), local)], node_of_[wedge(at(outer.tet), other)]});
+      pairs.push_back({node_of_[wedge(static_cast<std::size_t>(inner.tet), local)],
+                       node_of_[wedge(static_cast<std::size_t>(outer.tet), other)]});
     }
   }
   for (Contact& contact : mesh_.contacts) {
@@ -295,7 +269,7 @@ SplitContactsStats ContactSplitter::run() {
   sort_faces();
   mark_cut();
   if (cut_.empty()) return stats_;
-  Groups groups = group_wedges();
+  DisjointSets groups = group_wedges();
   number_copies(groups);
   split_surface();
   move_points();

@@ -14,10 +14,6 @@ using Edge = std::pair<std::int32_t, std::int32_t>;  // the smaller vertex first
 constexpr std::array<std::array<std::size_t, 2>, 6> kEdgesOfTet{
     {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}}};
 
-std::size_t at(std::int32_t index) {
-  return static_cast<std::size_t>(index);
-}
-
 Edge edge_of(std::int32_t a, std::int32_t b) {
   return std::minmax(a, b);
 }
@@ -49,11 +45,11 @@ class EdgeSplitter {
                double least_mm)
       : mesh_(mesh), is_frozen_(is_frozen), is_near_(mesh.points.size(), false) {
     for (const auto t : tets)
-      for (const auto v : mesh.tets[at(t)])
-        is_near_[at(v)] = true;
+      for (const auto v : mesh.tets[t])
+        is_near_[v] = true;
     const std::vector<Edge> on_surface = find_surface_edges();
     for (const auto t : tets)
-      if (const auto edge = longest_edge(mesh.tets[at(t)], on_surface, least_mm))
+      if (const auto edge = longest_edge(mesh.tets[t], on_surface, least_mm))
         wanted_.push_back(*edge);
     candidates_ = wanted_;
     sort_and_unite(candidates_);
@@ -72,7 +68,7 @@ class EdgeSplitter {
 
  private:
   [[nodiscard]] bool is_frozen(std::int32_t v) const {
-    return at(v) < is_frozen_.size() && is_frozen_[at(v)];
+    return static_cast<std::size_t>(v) < is_frozen_.size() && is_frozen_[v];
   }
 
   // Those of which both ends belong to the wanted tets.
@@ -81,7 +77,7 @@ class EdgeSplitter {
     for (const auto& facet : mesh_.surface.facets)
       for (std::size_t k = 0; k < 3; ++k) {
         const auto a = facet[k], b = facet[(k + 1) % 3];
-        if (is_near_[at(a)] && is_near_[at(b)] && !(is_frozen(a) && is_frozen(b)))
+        if (is_near_[a] && is_near_[b] && !(is_frozen(a) && is_frozen(b)))
           edges.push_back(edge_of(a, b));
       }
     sort_and_unite(edges);
@@ -94,7 +90,7 @@ class EdgeSplitter {
     std::optional<Edge> longest;
     for (const auto& [i, j] : kEdgesOfTet) {
       const Edge edge = edge_of(tet[i], tet[j]);
-      const double length = distance(mesh_.points[at(edge.first)], mesh_.points[at(edge.second)]);
+      const double length = distance(mesh_.points[edge.first], mesh_.points[edge.second]);
       if (length < least_mm || !find_edge(on_surface, edge)) continue;
       least_mm = length;
       longest = edge;
@@ -109,7 +105,7 @@ class EdgeSplitter {
                         const Visit& visit) const {
     for (std::size_t i = 0; i < simplex.size(); ++i)
       for (std::size_t j = i + 1; j < simplex.size(); ++j)
-        if (is_near_[at(simplex[i])] && is_near_[at(simplex[j])])
+        if (is_near_[simplex[i]] && is_near_[simplex[j]])
           if (const auto n = find_edge(edges, edge_of(simplex[i], simplex[j]))) visit(*n);
   }
 
@@ -123,11 +119,10 @@ class EdgeSplitter {
     for (const Edge& edge : wanted_) {
       if (edges_.size() >= most) break;
       const auto& around = tets_at[*find_edge(candidates_, edge)];
-      if (std::any_of(around.begin(), around.end(),
-                      [&](std::int32_t t) { return is_split[at(t)]; }))
+      if (std::any_of(around.begin(), around.end(), [&](std::int32_t t) { return is_split[t]; }))
         continue;
       for (const auto t : around)
-        is_split[at(t)] = true;
+        is_split[t] = true;
       edges_.push_back(edge);
     }
     std::sort(edges_.begin(), edges_.end());
@@ -137,7 +132,7 @@ class EdgeSplitter {
     std::vector<Vec3> middles;
     middles.reserve(edges_.size());
     for (const auto& [a, b] : edges_)
-      middles.push_back(0.5 * (mesh_.points[at(a)] + mesh_.points[at(b)]));
+      middles.push_back(0.5 * (mesh_.points[a] + mesh_.points[b]));
     first_middle_ = static_cast<std::int32_t>(mesh_.surface.points.size());
     const auto place = mesh_.points.begin() + first_middle_;
     mesh_.points.insert(place, middles.begin(), middles.end());

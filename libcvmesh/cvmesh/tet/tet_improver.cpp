@@ -31,10 +31,6 @@ constexpr std::size_t kBlock = 512;
 /// A round of flips that changes fewer tets than one in this many is the last one.
 constexpr std::size_t kQuietRound = 1000;
 
-std::size_t at(std::int32_t index) {
-  return static_cast<std::size_t>(index);
-}
-
 }  // namespace
 
 TetImprover::TetImprover(TetMesh& mesh,
@@ -58,11 +54,11 @@ void TetImprover::look_only_at(const std::vector<std::int32_t>& vertices,
                                std::size_t most_insertion_tries) {
   tried_vertex_.assign(tets_.point_count(), tets_.now());
   for (const std::int32_t v : vertices)
-    tried_vertex_[at(v)] = 0;
+    tried_vertex_[v] = 0;
   tried_tet_.assign(tets_.slot_count(), tets_.now());
   for (std::size_t t = 0; t < tried_tet_.size(); ++t)
     for (const std::int32_t v : tets_.tet(static_cast<std::int32_t>(t)))
-      if (tried_vertex_[at(v)] == 0) tried_tet_[t] = 0;
+      if (tried_vertex_[v] == 0) tried_tet_[t] = 0;
   tried_insertion_ = tried_tet_;
   last_flip_ = tets_.now();
   insertion_tries_left_ = std::min(insertion_tries_left_, most_insertion_tries);
@@ -116,7 +112,9 @@ void TetImprover::shed(double max_shift,
                        const std::vector<bool>& is_frozen,
                        ImproveTetsStats& stats) {
   if (!(max_shift > 0)) return;
-  const auto stays = [&](std::int32_t v) { return at(v) < is_frozen.size() && is_frozen[at(v)]; };
+  const auto stays = [&](std::int32_t v) {
+    return static_cast<std::size_t>(v) < is_frozen.size() && is_frozen[v];
+  };
   tets_.find_tets_at_facets();
   for (const std::int32_t t : poor_tets(goal_.comfort())) {
     const Tet tet = tets_.tet(t);
@@ -153,8 +151,8 @@ void TetImprover::insert(double below, ImproveTetsStats& stats) {
     if (insertions_left_ == 0 || insertion_tries_left_ == 0) break;
     if (!is_open(t, below, tried_insertion_)) continue;
     // A tet that has stayed in place through some tries is bound by the surface around it.
-    if (at(t) >= failures_.size()) failures_.resize(tets_.slot_count());
-    Failures& failures = failures_[at(t)];
+    if (static_cast<std::size_t>(t) >= failures_.size()) failures_.resize(tets_.slot_count());
+    Failures& failures = failures_[t];
     if (failures.tet != tets_.tet(t)) failures = {tets_.tet(t), 0};
     if (failures.count >= kMostTries) continue;
     const bool is_inserted = insert_into(t, stats);
@@ -178,7 +176,7 @@ void TetImprover::leave_if_cancelled(std::size_t step) const {
 
 std::vector<std::int32_t> TetImprover::poor_tets(double below) const {
   std::vector<std::pair<double, std::int32_t>> poor;
-  for (std::int32_t t = 0; at(t) < tets_.slot_count(); ++t)
+  for (std::int32_t t = 0; static_cast<std::size_t>(t) < tets_.slot_count(); ++t)
     if (tets_.score(t).min_sine < below) poor.emplace_back(tets_.score(t).min_sine, t);
   std::sort(poor.begin(), poor.end());
   std::vector<std::int32_t> tets;
@@ -192,9 +190,9 @@ std::vector<std::int32_t> TetImprover::poor_tets(double below) const {
 bool TetImprover::is_open(std::int32_t t, double below, std::vector<std::uint64_t>& tried) {
   leave_if_cancelled(step_++);
   if (tets_.is_removed(t) || tets_.score(t).min_sine >= below) return false;
-  if (at(t) >= tried.size()) tried.resize(tets_.slot_count(), 0);
-  if (!has_changed_since(t, tried[at(t)])) return false;
-  tried[at(t)] = tets_.now();
+  if (static_cast<std::size_t>(t) >= tried.size()) tried.resize(tets_.slot_count(), 0);
+  if (!has_changed_since(t, tried[t])) return false;
+  tried[t] = tets_.now();
   return true;
 }
 
@@ -213,14 +211,15 @@ void TetImprover::apply(const TetChange& change, ImproveTetsStats& stats) {
 
 /// True for an interior vertex around which something has changed since it was last tried.
 bool TetImprover::wants_move(std::int32_t v) const {
-  return !tets_.is_on_surface(v) &&
-         (at(v) >= tried_vertex_.size() || tets_.changed_at(v) > tried_vertex_[at(v)]);
+  return !tets_.is_on_surface(v) && (static_cast<std::size_t>(v) >= tried_vertex_.size() ||
+                                     tets_.changed_at(v) > tried_vertex_[v]);
 }
 
 bool TetImprover::move_vertex(std::int32_t v, int halvings) {
   if (!wants_move(v)) return false;
-  if (at(v) >= tried_vertex_.size()) tried_vertex_.resize(tets_.point_count(), 0);
-  tried_vertex_[at(v)] = tets_.now();
+  if (static_cast<std::size_t>(v) >= tried_vertex_.size())
+    tried_vertex_.resize(tets_.point_count(), 0);
+  tried_vertex_[v] = tets_.now();
   const MoveFinder::Move move = moves_.find_move(v, halvings, star_);
   if (move.is_found) tets_.move_point(v, move.position, star_.tets);
   return move.is_found;

@@ -14,10 +14,6 @@ constexpr std::int32_t kNone = -1;
 // What a vertex of the whole is to the part: `kFree` ones have all their tets in it.
 constexpr std::uint8_t kElsewhere = 0, kFree = 1, kFrozen = 2;
 
-std::size_t at(std::int32_t index) {
-  return static_cast<std::size_t>(index);
-}
-
 bool is_outer(const InterfaceMesh& surface, std::size_t f) {
   return surface.patch_of[f].sides.outside == kExterior;
 }
@@ -42,8 +38,8 @@ TetPart::TetPart(const TetMesh& whole,
 void TetPart::choose_tets(const TetMesh& whole, const std::vector<std::int32_t>& tets, int rings) {
   role_of_.assign(whole.points.size(), kElsewhere);
   for (const std::int32_t t : tets)
-    for (const std::int32_t v : whole.tets[at(t)])
-      role_of_[at(v)] = kFree;
+    for (const std::int32_t v : whole.tets[t])
+      role_of_[v] = kFree;
   is_here_.assign(whole.tets.size(), false);
   std::vector<std::int32_t> next;
   for (int ring = 0; ring <= rings; ++ring) {
@@ -52,14 +48,14 @@ void TetPart::choose_tets(const TetMesh& whole, const std::vector<std::int32_t>&
       if (is_here_[t]) continue;
       const auto& tet = whole.tets[t];
       if (std::none_of(tet.begin(), tet.end(),
-                       [&](std::int32_t v) { return role_of_[at(v)] == kFree; }))
+                       [&](std::int32_t v) { return role_of_[v] == kFree; }))
         continue;
       is_here_[t] = true;
       for (const std::int32_t v : tet)
-        if (role_of_[at(v)] == kElsewhere) next.push_back(v);
+        if (role_of_[v] == kElsewhere) next.push_back(v);
     }
     for (const std::int32_t v : next)
-      role_of_[at(v)] = ring < rings ? kFree : kFrozen;
+      role_of_[v] = ring < rings ? kFree : kFrozen;
   }
 }
 
@@ -70,26 +66,27 @@ void TetPart::choose_facets(const TetMesh& whole, double reach_mm) {
   for (std::size_t f = 0; f < surface.facets.size(); ++f) {
     const auto& facet = surface.facets[f];
     const bool is_own = std::all_of(facet.begin(), facet.end(),
-                                    [&](std::int32_t v) { return role_of_[at(v)] != kElsewhere; });
+                                    [&](std::int32_t v) { return role_of_[v] != kElsewhere; });
     (is_own ? facets_ : others).push_back(static_cast<std::int32_t>(f));
     for (const std::int32_t v : facet)
-      if (is_own) bounds.add(surface.points[at(v)]);
+      if (is_own) bounds.add(surface.points[v]);
   }
   own_facets_ = facets_.size();
   if (facets_.empty()) return;
   constexpr double kFacetsAcross = 200;  // of the longest side, roughly
   FacetIndex own(bounds, bounds.diagonal() / kFacetsAcross);
   for (const std::int32_t f : facets_)
-    if (is_outer(surface, at(f))) own.insert(f, box_of(surface.points, surface.facets[at(f)]));
+    if (is_outer(surface, static_cast<std::size_t>(f)))
+      own.insert(f, box_of(surface.points, surface.facets[f]));
   for (const std::int32_t f : others) {
-    if (!is_outer(surface, at(f))) continue;
+    if (!is_outer(surface, static_cast<std::size_t>(f))) continue;
     bool is_near = false;
-    own.query(grown(box_of(surface.points, surface.facets[at(f)]), reach_mm),
+    own.query(grown(box_of(surface.points, surface.facets[f]), reach_mm),
               [&](const FacetIndex::Entry&) { is_near = true; });
     if (!is_near) continue;
     facets_.push_back(f);
-    for (const std::int32_t v : surface.facets[at(f)])
-      if (role_of_[at(v)] == kElsewhere) role_of_[at(v)] = kFrozen;
+    for (const std::int32_t v : surface.facets[f])
+      if (role_of_[v] == kElsewhere) role_of_[v] = kFrozen;
   }
 }
 
@@ -114,7 +111,7 @@ void TetPart::number_vertices(const TetMesh& whole) {
     if (role_of_[v] == kFree) add(v);
   const auto numbered = [&](auto simplex) {
     for (std::int32_t& v : simplex)
-      v = number[at(v)];
+      v = number[v];
     return simplex;
   };
   for (std::size_t t = 0; t < is_here_.size(); ++t) {
@@ -123,15 +120,16 @@ void TetPart::number_vertices(const TetMesh& whole) {
     mesh.material_of.push_back(whole.material_of[t]);
   }
   for (const std::int32_t f : facets_) {
-    mesh.surface.facets.push_back(numbered(whole.surface.facets[at(f)]));
-    mesh.surface.patch_of.push_back(whole.surface.patch_of[at(f)]);
+    mesh.surface.facets.push_back(numbered(whole.surface.facets[f]));
+    mesh.surface.patch_of.push_back(whole.surface.patch_of[f]);
   }
 }
 
 std::vector<Vec3> TetPart::of_surface(const std::vector<Vec3>& of_whole) const {
   std::vector<Vec3> values = mesh.surface.points;
   for (std::size_t v = 0; v < is_frozen.size(); ++v)
-    if (at(whole_of_[v]) < of_whole.size()) values[v] = of_whole[at(whole_of_[v])];
+    if (static_cast<std::size_t>(whole_of_[v]) < of_whole.size())
+      values[v] = of_whole[whole_of_[v]];
   return values;
 }
 
@@ -140,7 +138,8 @@ void TetPart::put_back(TetMesh& whole) const {
   const std::size_t old_count = surface.points.size(), given = is_frozen.size();
   const std::size_t new_count = mesh.surface.points.size() - given;
   for (std::size_t v = 0; v < given; ++v)
-    if (at(whole_of_[v]) < old_count) surface.points[at(whole_of_[v])] = mesh.surface.points[v];
+    if (static_cast<std::size_t>(whole_of_[v]) < old_count)
+      surface.points[whole_of_[v]] = mesh.surface.points[v];
   surface.points.insert(surface.points.end(),
                         mesh.surface.points.begin() + static_cast<std::ptrdiff_t>(given),
                         mesh.surface.points.end());
@@ -157,8 +156,8 @@ void TetPart::put_back(TetMesh& whole) const {
     }
   }
   const auto number_in_whole = [&, kept = points.size()](std::int32_t v) {
-    if (at(v) < given) return number[at(whole_of_[at(v)])];
-    const std::size_t new_vertex = at(v) - given;
+    if (static_cast<std::size_t>(v) < given) return number[whole_of_[v]];
+    const std::size_t new_vertex = static_cast<std::size_t>(v) - given;
     return static_cast<std::int32_t>(new_vertex < new_count ? old_count + new_vertex
                                                             : kept + new_vertex - new_count);
   };
@@ -172,7 +171,7 @@ void TetPart::put_back(TetMesh& whole) const {
 
   for (std::size_t f = 0; f < mesh.surface.facets.size(); ++f) {
     if (f < own_facets_) {
-      surface.facets[at(facets_[f])] = numbered(mesh.surface.facets[f]);
+      surface.facets[facets_[f]] = numbered(mesh.surface.facets[f]);
     } else if (f >= facets_.size()) {
       surface.facets.push_back(numbered(mesh.surface.facets[f]));
       surface.patch_of.push_back(mesh.surface.patch_of[f]);
@@ -183,7 +182,7 @@ void TetPart::put_back(TetMesh& whole) const {
     if (is_here_[t]) continue;
     whole.tets[kept] = whole.tets[t];
     for (std::int32_t& v : whole.tets[kept])
-      v = number[at(v)];
+      v = number[v];
     whole.material_of[kept++] = whole.material_of[t];
   }
   whole.tets.resize(kept);

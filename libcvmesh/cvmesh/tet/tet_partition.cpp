@@ -16,16 +16,12 @@ using Tet = std::array<std::int32_t, 4>;
 
 constexpr std::int32_t kNone = -1, kShared = -2;
 
-std::size_t at(std::int32_t index) {
-  return static_cast<std::size_t>(index);
-}
-
 /// The tets in groups that halving across the longest side gives, each ascending.
 std::vector<std::vector<std::int32_t>> halve(const TetMesh& whole, std::size_t most_tets) {
   std::vector<Vec3> centroids(whole.tets.size());
   parallel_for_each_index(0, centroids.size(), [&](std::size_t t) {
     for (const std::int32_t v : whole.tets[t])
-      centroids[t] += whole.points[at(v)] / 4;
+      centroids[t] += whole.points[v] / 4;
   });
   std::vector<std::vector<std::int32_t>> done, open(1);
   open[0].resize(whole.tets.size());
@@ -40,12 +36,12 @@ std::vector<std::vector<std::int32_t>> halve(const TetMesh& whole, std::size_t m
     }
     Box3 box;
     for (const std::int32_t t : group)
-      box.add(centroids[at(t)]);
+      box.add(centroids[t]);
     const Vec3 size = box.hi - box.lo;
     const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
     const auto middle = group.begin() + static_cast<std::ptrdiff_t>(group.size() / 2);
     std::nth_element(group.begin(), middle, group.end(), [&](std::int32_t s, std::int32_t t) {
-      return std::pair(centroids[at(s)][axis], s) < std::pair(centroids[at(t)][axis], t);
+      return std::pair(centroids[s][axis], s) < std::pair(centroids[t][axis], t);
     });
     open.emplace_back(middle, group.end());
     open.emplace_back(group.begin(), middle);
@@ -59,8 +55,8 @@ std::vector<std::int32_t> find_parts(const TetMesh& whole,
   std::vector<std::int32_t> part_of(whole.points.size(), kNone);
   for (std::size_t part = 0; part < groups.size(); ++part)
     for (const std::int32_t t : groups[part])
-      for (const std::int32_t v : whole.tets[at(t)]) {
-        std::int32_t& here = part_of[at(v)];
+      for (const std::int32_t v : whole.tets[t]) {
+        std::int32_t& here = part_of[v];
         here = here == kNone || here == static_cast<std::int32_t>(part)
                    ? static_cast<std::int32_t>(part)
                    : kShared;
@@ -74,7 +70,8 @@ class FacetsByVertex {
   explicit FacetsByVertex(const InterfaceMesh& surface)
       : begin_(surface.points.size() + 1, 0), facets_(surface.facets.size()) {
     const auto least = [&](std::size_t f) {
-      return at(*std::min_element(surface.facets[f].begin(), surface.facets[f].end()));
+      return static_cast<std::size_t>(
+          *std::min_element(surface.facets[f].begin(), surface.facets[f].end()));
     };
     for (std::size_t f = 0; f < facets_.size(); ++f)
       ++begin_[least(f) + 1];
@@ -86,7 +83,7 @@ class FacetsByVertex {
 
   template <typename Visit>
   void visit(std::int32_t v, const Visit& visit) const {
-    for (std::size_t i = begin_[at(v)]; i < begin_[at(v) + 1]; ++i)
+    for (std::size_t i = begin_[v]; i < begin_[static_cast<std::size_t>(v) + 1]; ++i)
       visit(facets_[i]);
   }
 
@@ -103,11 +100,11 @@ TetPartition::Part cut_out(const TetMesh& whole,
   TetPartition::Part part;
   const auto surface_count = static_cast<std::int32_t>(whole.surface.points.size());
   const auto comes_first = [&](std::int32_t v) {
-    return v < surface_count || part_of[at(v)] == kShared;
+    return v < surface_count || part_of[v] == kShared;
   };
   std::vector<std::int32_t> inner;
   for (const std::int32_t t : tets)
-    for (const std::int32_t v : whole.tets[at(t)])
+    for (const std::int32_t v : whole.tets[t])
       (comes_first(v) ? part.whole_of : inner).push_back(v);
   for (std::vector<std::int32_t>* vertices : {&part.whole_of, &inner}) {
     std::sort(vertices->begin(), vertices->end());
@@ -128,24 +125,24 @@ TetPartition::Part cut_out(const TetMesh& whole,
 
   TetMesh& mesh = part.mesh;
   for (const std::int32_t v : part.whole_of) {
-    mesh.points.push_back(whole.points[at(v)]);
-    part.is_frozen.push_back(part_of[at(v)] == kShared);
+    mesh.points.push_back(whole.points[v]);
+    part.is_frozen.push_back(part_of[v] == kShared);
   }
   mesh.surface.points = mesh.points;
   for (const std::int32_t v : inner)
-    mesh.points.push_back(whole.points[at(v)]);
+    mesh.points.push_back(whole.points[v]);
   for (const std::int32_t t : tets) {
-    mesh.tets.push_back(numbered(whole.tets[at(t)]));
-    mesh.material_of.push_back(whole.material_of[at(t)]);
+    mesh.tets.push_back(numbered(whole.tets[t]));
+    mesh.material_of.push_back(whole.material_of[t]);
   }
   for (const std::int32_t v : part.whole_of) {
     if (v >= surface_count) break;
     facets_by_vertex.visit(v, [&](std::int32_t f) {
-      const auto facet = numbered(whole.surface.facets[at(f)]);
+      const auto facet = numbered(whole.surface.facets[f]);
       if (std::find(facet.begin(), facet.end(), kNone) != facet.end()) return;
       part.facets.push_back(f);
       mesh.surface.facets.push_back(facet);
-      mesh.surface.patch_of.push_back(whole.surface.patch_of[at(f)]);
+      mesh.surface.patch_of.push_back(whole.surface.patch_of[f]);
     });
   }
   return part;
@@ -171,11 +168,11 @@ std::vector<std::int32_t> TetPartition::join(TetMesh& whole) {
   std::vector<std::int32_t> number(whole.points.size(), kNone), on_cuts;
   std::iota(number.begin(), number.begin() + static_cast<std::ptrdiff_t>(surface_count), 0);
   for (const std::int32_t v : shared_) {
-    if (at(v) >= surface_count) {
-      number[at(v)] = static_cast<std::int32_t>(points.size());
-      points.push_back(whole.points[at(v)]);
+    if (static_cast<std::size_t>(v) >= surface_count) {
+      number[v] = static_cast<std::int32_t>(points.size());
+      points.push_back(whole.points[v]);
     }
-    on_cuts.push_back(number[at(v)]);
+    on_cuts.push_back(number[v]);
   }
   whole.tets.clear();
   whole.material_of.clear();
@@ -183,8 +180,9 @@ std::vector<std::int32_t> TetPartition::join(TetMesh& whole) {
     const std::size_t given = part.whole_of.size(), before = points.size();
     const auto numbered = [&](auto simplex) {
       for (std::int32_t& v : simplex)
-        v = at(v) < given ? number[at(part.whole_of[at(v)])]
-                          : static_cast<std::int32_t>(before + at(v) - given);
+        v = static_cast<std::size_t>(v) < given
+                ? number[part.whole_of[v]]
+                : static_cast<std::int32_t>(before + static_cast<std::size_t>(v) - given);
       return simplex;
     };
     points.insert(points.end(), part.mesh.points.begin() + static_cast<std::ptrdiff_t>(given),
@@ -195,7 +193,7 @@ std::vector<std::int32_t> TetPartition::join(TetMesh& whole) {
                              part.mesh.material_of.end());
     // A facet that several parts have is in all of them as it was.
     for (std::size_t f = 0; f < part.facets.size(); ++f)
-      whole.surface.facets[at(part.facets[f])] = numbered(part.mesh.surface.facets[f]);
+      whole.surface.facets[part.facets[f]] = numbered(part.mesh.surface.facets[f]);
     part = {};
   }
   parts.clear();

@@ -5,6 +5,7 @@
 #include "cvmesh/mesh/interface_mesh.h"
 #include "cvmesh/mesh/tet_mesh.h"
 #include "cvmesh/sizing/sizing_field.h"
+#include "cvmesh/tet/build_tet_mesh.h"
 #include "cvmesh/tet/improve_tets.h"
 
 #include <string>
@@ -23,6 +24,7 @@ struct TetrahedralizeOptions {
   double max_vertex_shift_mm = 0;    ///< of `improve_tets`: of vertices of the surface
   double min_split_edge_mm = 0;      ///< of `improve_tets`: shorter edges are not split
   double max_splits_per_vertex = 0;  ///< of `improve_tets`: of edges of the surface
+  MeshNames names{};                 ///< for messages
 };
 
 struct TetrahedralizeStats {
@@ -45,11 +47,9 @@ struct TetrahedralizeResult {
 ///
 /// The surface is certified first (closed, oriented, free of intersections). TetGen [Si 2015] then
 /// fills it in a helper program, adding points in the interior only, by up to six sets of switches
-/// from strict to loose; the first result that passes every check is taken: surface points
-/// bit-identical, every facet a face of a tet, all tets positive, each connected part bounded by
-/// sides of one material, volumes equal to the surface integrals. Interior edges follow
-/// `interior_growth` times the sizing field (no bound where the field is empty). Parts that lie in
-/// the exterior are dropped. Last, `improve_tets`.
+/// from strict to loose; the first result that passes every check of `build_tet_mesh` is taken.
+/// Interior edges follow `interior_growth` times the sizing field (no bound where the field is
+/// empty). Last, `improve_tets`.
 ///
 /// @throws Error BadParameter for options out of range; StageFailed when the surface is not valid,
 ///         or no set of switches gives a valid result; Limit for the last attempt's time or memory
