@@ -62,25 +62,25 @@ for epsilon in 8 25; do
 done
 
 "$scripts/render_mesh.py" "$work/halves/halves.vtu" "$images/paper_7_1.png" --size 480x440
-surfaces "$work/halves/stages/dense.off" "$work/halves/stages/augmented.off" \
-  "$work/halves/stages/sparse.off" "$images/paper_7_2.png" --edges --size 340x240 --part 0.8 1 \
-  --lift 35 --captions "dense" "augmented" "decimated, flipped"
-surfaces "$data/bunny.nii.gz" "$work/bunny1/stages/dense.off" "$images/paper_7_3.png" \
+surfaces "$work/halves/halves.stages/dense.off" "$work/halves/halves.stages/augmented.off" \
+  "$work/halves/halves.stages/sparse.off" "$images/paper_7_2.png" --edges --size 340x240 \
+  --part 0.8 1 --lift 35 --captions "dense" "augmented" "decimated, flipped"
+surfaces "$data/bunny.nii.gz" "$work/bunny1/bunny.stages/dense.off" "$images/paper_7_3.png" \
   --captions "voxels" "dense surface, r 0.8" --size 420x400
-surfaces "$work/bunny05d/stages/sparse.off" "$work/bunny1/stages/sparse.off" \
+surfaces "$work/bunny05d/bunny.stages/sparse.off" "$work/bunny1/bunny.stages/sparse.off" \
   "$images/paper_7_4.png" --edges --size 340x330 \
   --captions "Delaunay, epsilon 0.5" "decimation, epsilon 1"
-surfaces "$work/bunny05r15/stages/sparse.off" "$work/bunny5d/stages/sparse.off" \
-  "$work/bunny5/stages/sparse.off" "$images/paper_7_5_7_6.png" --edges --size 340x330 \
+surfaces "$work/bunny05r15/bunny.stages/sparse.off" "$work/bunny5d/bunny.stages/sparse.off" \
+  "$work/bunny5/bunny.stages/sparse.off" "$images/paper_7_5_7_6.png" --edges --size 340x330 \
   --captions "Delaunay, r 15, epsilon 0.5" "Delaunay, epsilon 5" "decimation, epsilon 5"
 "$scripts/render_mesh.py" "$work/bunny5/bunny.vtu" "$images/paper_7_6b.png" --size 480x460
-surfaces "$work/tooth3d/stages/sparse.off" "$work/tooth3/stages/sparse.off" \
+surfaces "$work/tooth3d/tooth.stages/sparse.off" "$work/tooth3/tooth.stages/sparse.off" \
   "$images/paper_7_7.png" --edges --size 340x480 \
   --captions "Delaunay, epsilon 3" "decimation, epsilon 3"
 "$scripts/render_mesh.py" "$work/femur/femur_phantom.vtu" "$images/paper_7_8.png" --lie \
   --size 960x360
-surfaces "$work/shell8d/stages/sparse.off" "$work/shell8/stages/sparse.off" \
-  "$work/shell25d/stages/sparse.off" "$work/shell25/stages/sparse.off" \
-  "$images/paper_7_9.png" --section "$work/shell8/stages/dense.off" --size 260x290 \
+surfaces "$work/shell8d/shell.stages/sparse.off" "$work/shell8/shell.stages/sparse.off" \
+  "$work/shell25d/shell.stages/sparse.off" "$work/shell25/shell.stages/sparse.off" \
+  "$images/paper_7_9.png" --section "$work/shell8/shell.stages/dense.off" --size 260x290 \
   --normal z --turn 0 --lift 0 --captions "Delaunay, epsilon 8" "decimation, epsilon 8" \
   "Delaunay, epsilon 25" "decimation, epsilon 25"

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: AGPL-3.0-or-later
 """Draws surfaces side by side as a PNG: voxel faces of label volumes, and OFF files.
 
-    scripts/render_surfaces.py femur.nii.gz r08/stages/dense.off r3/stages/dense.off picture.png
+    scripts/render_surfaces.py femur.nii.gz r08/femur.stages/dense.off r3/femur.stages/dense.off picture.png
 
 Needs python3-vtk9, python3-nibabel and, where there is no display, xvfb with xauth:
 scripts/install_dependencies.sh --rendering

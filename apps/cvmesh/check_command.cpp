@@ -6,6 +6,7 @@
 #include "cvmesh/grid/shear.h"
 #include "cvmesh/metrics/thinnest_parts.h"
 #include "cvmesh/pipeline/forecast.h"
+#include "cvmesh/pipeline/label_options.h"
 #include "cvmesh/sizing/compute_sizing_field.h"
 
 #include <nlohmann/json.hpp>
@@ -44,6 +45,8 @@ Checked check(const CheckCommand& command, const Parameters& parameters, int thr
   const InputVolume volume = read_label_volume(command.input, &result.warnings, command.read);
   result.input = volume.frame;
   result.cleaned = clean_labels(volume, parameters.clean_labels, silent_context());
+  for (std::string& warning : check_label_options(parameters, result.cleaned.labels))
+    result.warnings.push_back(std::move(warning));
   result.thinnest_mm = thinnest_parts_mm(result.cleaned.labels);
   result.forecast = make_forecast(result.cleaned.labels, parameters, threads);
   if (result.forecast.surface_vertices > kMostVertices)
@@ -52,13 +55,6 @@ Checked check(const CheckCommand& command, const Parameters& parameters, int thr
         "edge length, which are in mm",
         kMostVertices));
   return result;
-}
-
-/// Entry of a label in the vectors per material; 0 where nothing of it is left.
-std::size_t material_of(const LabelVolume& labels, Label label) {
-  const auto found = std::find(labels.label_of.begin() + 1, labels.label_of.end(), label);
-  return found == labels.label_of.end() ? 0
-                                        : static_cast<std::size_t>(found - labels.label_of.begin());
 }
 
 Json labels_json(const Checked& checked) {
@@ -72,8 +68,8 @@ Json labels_json(const Checked& checked) {
                 {"volume_mm3", static_cast<double>(account.voxels_in) * s.x * s.y * s.z},
                 {"components", account.components_in},
                 {"voxels_kept", account.voxels_kept}};
-    if (const std::size_t m = material_of(labels, account.label); m > 0)
-      row["thinnest_mm"] = checked.thinnest_mm[m];
+    if (const auto m = labels.material_of(account.label))
+      row["thinnest_mm"] = checked.thinnest_mm[*m];
     rows.push_back(row);
   }
   return rows;

@@ -177,7 +177,7 @@ void add_mesh_command(CLI::App& app,
                    "Most resident memory of the run, in MiB")
       ->check(is_positive());
   mesh->add_flag("--keep-stages", options.mesh.keep_stages,
-                 "Write each stage's result to OUT/stages");
+                 "Write each stage's result to OUT/NAME.stages");
   mesh->add_flag("--surface-only", options.mesh.surface_only, "Stop before the tets");
   mesh->add_flag("--report", options.mesh.html_report,
                  "Write NAME.report.html, too: tables, plots and the mesh in 3-D, for a browser");
@@ -252,9 +252,14 @@ CliOutcome parse_command_line(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    // CLI11 has exit codes of its own, all above 100; ours says "usage".
-    outcome.exit_code = app.exit(error) == 0 ? 0 : static_cast<int>(ErrorCode::BadParameter);
-    return outcome;
+    if (error.get_exit_code() == 0) {  // help and version
+      outcome.exit_code = app.exit(error);
+      return outcome;
+    }
+    const auto commands = app.get_subcommands();
+    const std::string command = commands.empty() ? "" : commands.front()->get_name() + " ";
+    throw Error(ErrorCode::BadParameter, "command line",
+                std::string(error.what()) + "; cvmesh " + command + "--help lists what there is");
   }
   if (*metrics) options.command = Command::Metrics;
   if (app.got_subcommand("compare")) options.command = Command::Compare;

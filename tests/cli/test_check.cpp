@@ -44,6 +44,23 @@ TEST_CASE("cvmesh check: tells labels and a forecast, and writes nothing", "[cli
   CHECK(std::distance(std::filesystem::directory_iterator(folder.path()), {}) == 1);
 }
 
+TEST_CASE("cvmesh check: what names labels and boxes is looked up", "[cli]") {
+  const test_data::TemporaryFolder folder;
+  write_volume_file(folder / "a.nii", phantoms::nested_balls(4, 12, {0.5, 0.5, 0.5}));
+  const std::string input = (folder / "a.nii").string();
+  const auto refusal = [&](const std::string& setting) {
+    const Outcome outcome = run_cli::cvmesh({"check", input, "--set", setting});
+    CHECK(outcome.exit_code == 2);
+    return outcome.err;
+  };
+  CHECK_THAT(refusal("contact=[[1,9]]"), Catch::Contains("contact names \"9\""));
+  CHECK_THAT(refusal("boxes=[{\"box\":[0,0,0,99,9,9],\"epsilon\":1}]"),
+             Catch::Contains("boxes[0].box reaches i = 99"));
+  const Outcome absent = run_cli::cvmesh({"check", input, "--set", "labels.7.epsilon=1"});
+  CHECK(absent.exit_code == 0);
+  CHECK_THAT(absent.out, Catch::Contains("label 7 has a radius or sizes"));
+}
+
 TEST_CASE("cvmesh check: the forecast of facets is exact, others follow the parameters", "[cli]") {
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::random_blobs(3, 6));

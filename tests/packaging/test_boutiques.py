@@ -128,7 +128,7 @@ def invocations():
     return [
         ("the inputs that are needed", least, 0, ["a volume's.vtu", "a volume's.mesh"]),
         ("results that are there", least, 6, []),
-        ("every input", full, 0, ["both.vtu", "both.inp", "both.report.html", "stages"]),
+        ("every input", full, 0, ["both.vtu", "both.inp", "both.report.html", "both.stages"]),
         ("the surface only", surface, 0, ["a volume's.surface.vtp"]),
         ("no volume", {**least, "labels": "params.json"}, 3, []),
     ]

@@ -70,17 +70,17 @@ TEST_CASE("OutputFolder: a deck that somebody wrote is in the way only of a deck
 
 TEST_CASE("OutputFolder: kept stages are results, too; a failure file is not", "[pipeline][unit]") {
   const test_data::TemporaryFolder folder;
-  fs::create_directory(folder / "stages");
-  write_file(folder / "stages/dense.off", "old");
+  fs::create_directory(folder / "a.stages");
+  write_file(folder / "a.stages/dense.off", "old");
   write_file(folder / "a.failed.json", "old");
-  CHECK_NOTHROW(OutputFolder(folder.path(), "a", kMeshes));
-  CHECK(fs::exists(folder / "stages/dense.off"));
+  fs::create_directory(folder / "b.stages");
+  write_file(folder / "b.stages/dense.off", "another volume's");
+  check_refused(folder, kMeshes, "a.stages/dense.off");
+  CHECK(fs::exists(folder / "a.stages/dense.off"));
+  const OutputFolder outputs(folder.path(), "a", replacing(kMeshes));
+  CHECK_FALSE(fs::exists(folder / "a.stages"));
   CHECK_FALSE(fs::exists(folder / "a.failed.json"));
-  OutputPlan stages = kMeshes;
-  stages.has_stages = true;
-  check_refused(folder, stages, "stages/dense.off");
-  const OutputFolder outputs(folder.path(), "a", replacing(stages));
-  CHECK_FALSE(fs::exists(folder / "stages"));
+  CHECK(fs::exists(folder / "b.stages/dense.off"));
 }
 
 TEST_CASE("OutputFolder: abandoned, it holds neither results nor temporary files",

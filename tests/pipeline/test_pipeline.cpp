@@ -212,8 +212,8 @@ TEST_CASE("run_pipeline: stages are kept on demand", "[pipeline][unit]") {
   request.surface_only = true;
   run_pipeline(request, silent_context());
   CHECK(names_in(folder / "out") ==
-        std::vector<std::string>{"a.metrics.json", "a.surface.vtp", "stages"});
-  CHECK(names_in(folder / "out/stages") ==
+        std::vector<std::string>{"a.metrics.json", "a.stages", "a.surface.vtp"});
+  CHECK(names_in(folder / "out/a.stages") ==
         std::vector<std::string>{"augmented.off", "dense.off", "medial_axis.vtp", "particles.vtp",
                                  "sizing_field.vtp", "sparse.off"});
 }

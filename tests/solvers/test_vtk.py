@@ -224,7 +224,7 @@ def check_surfaces(checks, folder, results):
 
 
 def check_stages(checks, folder):
-    paths = sorted((folder / "stages").glob("*.vtp"))
+    paths = sorted((folder / "halves.stages").glob("*.vtp"))
     checks.holds(f"{len(paths)} stages", len(paths) > 2)
     for path in paths:
         data = read(vtkXMLPolyDataReader(), path)

@@ -4,7 +4,9 @@
 #include "cvmesh/core/label.h"
 #include "cvmesh/grid/grid.h"
 
+#include <algorithm>
 #include <array>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -30,6 +32,13 @@ struct LabelVolume {
   [[nodiscard]] std::size_t material_count() const { return label_of.size(); }
 
   [[nodiscard]] const GridFrame& frame() const { return ids.frame; }
+
+  /// The id of one of the user's labels; nothing where it is not among those to mesh.
+  [[nodiscard]] std::optional<MaterialId> material_of(Label label) const {
+    const auto found = std::find(label_of.begin() + 1, label_of.end(), label);
+    if (found == label_of.end()) return std::nullopt;
+    return static_cast<MaterialId>(found - label_of.begin());
+  }
 };
 
 }  // namespace cvmesh

@@ -17,24 +17,6 @@
 namespace cvmesh {
 namespace {
 
-std::vector<Sides> contact_sides(const LabelVolume& labels, const Parameters& parameters) {
-  std::vector<Sides> contacts;
-  for (const std::array<LabelReference, 2>& pair : parameters.contact) {
-    const MaterialId a = material_named(labels, pair[0], "contact");
-    const MaterialId b = material_named(labels, pair[1], "contact");
-    contacts.push_back({std::max(a, b), std::min(a, b)});
-  }
-  return contacts;
-}
-
-/// Per material, whether the laws of density and modulus hold in it.
-std::vector<bool> sampled_materials(const LabelVolume& labels, const SampleParameters& sample) {
-  std::vector<bool> is_sampled(labels.material_count(), sample.labels.empty());
-  for (const Label label : sample.labels)
-    is_sampled[material_named(labels, label, "sample.labels")] = true;
-  return is_sampled;
-}
-
 Grid<float> read_sample(const Run& run, bool is_first) {
   std::vector<std::string> warnings;
   // Shear is no matter for values at points; a choice of volume is the labels' own.
@@ -69,7 +51,7 @@ void add_laws(const LabelVolume& labels,
               const std::vector<double>& mean,
               TetMesh& tets) {
   if (!sample.density_slope) return;
-  const std::vector<bool> is_sampled = sampled_materials(labels, sample);
+  const std::vector<bool> is_sampled = sampled_materials(sample, labels);
   std::vector<double> density(mean.size(), 0), modulus(mean.size(), 0);
   for (std::size_t tet = 0; tet < mean.size(); ++tet) {
     if (!is_sampled[tets.material_of[tet]]) continue;
@@ -87,19 +69,17 @@ void add_laws(const LabelVolume& labels,
 
 }  // namespace
 
-void check_finish(Run& run, const LabelVolume& labels) {
-  contact_sides(labels, run.request.parameters);
+void check_sample(Run& run, const LabelVolume& labels) {
   if (run.request.sample.empty()) {
     if (run.request.parameters.sample.density_slope)
       run.context.log->warn("parameters: sample has laws, but there is no image; give --sample");
     return;
   }
-  sampled_materials(labels, run.request.parameters.sample);
   mm_to_image_index(labels, read_sample(run, true).frame);
 }
 
 void cut_contacts(Run& run, const LabelVolume& labels, TetMesh& tets) {
-  const std::vector<Sides> contacts = contact_sides(labels, run.request.parameters);
+  const std::vector<Sides> contacts = contact_sides(run.request.parameters, labels);
   if (contacts.empty() || run.request.surface_only) return;
   run.report.stages.contacts = run.stage.run(
       stage_names::kContacts, [&] { return split_contacts(tets, contacts); },

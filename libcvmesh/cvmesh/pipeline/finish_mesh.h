@@ -8,11 +8,10 @@
 /// What a measured mesh of tets gets before it is written, where a run asks for it.
 namespace cvmesh {
 
-/// Resolves the labels of `contact` and `sample.labels`, and reads the image that `--sample` names:
-/// what is wrong with them ends the run before the long work. The image is given back, so that it
-/// takes no memory meanwhile.
+/// Reads the image that `--sample` names: what is wrong with it ends the run before the long work.
+/// It is given back, so that it takes no memory meanwhile.
 /// @throws Error BadParameter, BadInput
-void check_finish(Run& run, const LabelVolume& labels);
+void check_sample(Run& run, const LabelVolume& labels);
 
 /// Cuts the interfaces of `contact` open.
 void cut_contacts(Run& run, const LabelVolume& labels, TetMesh& tets);

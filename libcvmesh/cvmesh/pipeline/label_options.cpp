@@ -18,19 +18,12 @@
 namespace cvmesh {
 namespace {
 
-/// The id of one of the user's labels, or nothing where it is not in the volume.
-std::optional<MaterialId> material_of(const LabelVolume& labels, Label label) {
-  const auto found = std::find(labels.label_of.begin() + 1, labels.label_of.end(), label);
-  if (found == labels.label_of.end()) return std::nullopt;
-  return static_cast<MaterialId>(found - labels.label_of.begin());
-}
-
 /// The two sides of the interface of two of the user's labels, of which 0 may be the exterior;
 /// nothing where one is not in the volume.
 std::optional<Sides> sides_of(const LabelVolume& labels, const std::array<Label, 2>& pair) {
   std::array<MaterialId, 2> ids{};
   for (std::size_t n = 0; n < 2; ++n) {
-    const auto m = material_of(labels, pair[n]);
+    const auto m = labels.material_of(pair[n]);
     if (!m && pair[n] != 0) return std::nullopt;
     ids[n] = m.value_or(kExterior);
   }
@@ -49,6 +42,16 @@ Box3 box_mm(const VoxelBox& box, const Vec3& input_spacing_mm, const LabelVolume
     result.hi[axis] = first_face + spacing * (box.hi[n] + 1 - labels.first_voxel[n]);
   }
   return result;
+}
+
+void check_boxes(const std::vector<BoxParameters>& boxes, const std::array<int, 3>& dims) {
+  for (std::size_t n = 0; n < boxes.size(); ++n)
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      require(boxes[n].box.hi[axis] < dims[axis], ErrorCode::BadParameter, "parameters",
+              fmt::format("boxes[{0}].box reaches {1} = {2}, outside the volume of {3} x {4} x {5} "
+                          "voxels; keep {1} between 0 and {6}",
+                          n, "ijk"[axis], boxes[n].box.hi[axis], dims[0], dims[1], dims[2],
+                          dims[axis] - 1));
 }
 
 }  // namespace
@@ -73,31 +76,43 @@ MaterialId material_named(const LabelVolume& labels,
                           wanted, found.empty() ? "none" : "more than one", known));
 }
 
-void check_boxes(const Run& run) {
-  const std::array<int, 3>& dims = run.report.input.dims;
-  const std::vector<BoxParameters>& boxes = run.request.parameters.boxes;
-  for (std::size_t n = 0; n < boxes.size(); ++n)
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      require(boxes[n].box.hi[axis] < dims[axis], ErrorCode::BadParameter, "parameters",
-              fmt::format("boxes[{0}].box reaches {1} = {2}, outside the volume of {3} x {4} x {5} "
-                          "voxels; keep {1} between 0 and {6}",
-                          n, "ijk"[axis], boxes[n].box.hi[axis], dims[0], dims[1], dims[2],
-                          dims[axis] - 1));
+std::vector<Sides> contact_sides(const Parameters& parameters, const LabelVolume& labels) {
+  std::vector<Sides> contacts;
+  for (const std::array<LabelReference, 2>& pair : parameters.contact) {
+    const MaterialId a = material_named(labels, pair[0], "contact");
+    const MaterialId b = material_named(labels, pair[1], "contact");
+    contacts.push_back({std::max(a, b), std::min(a, b)});
+  }
+  return contacts;
 }
 
-void warn_of_absent_labels(const Run& run, const LabelVolume& labels) {
-  for (const auto& [label, own] : run.request.parameters.labels) {
+std::vector<bool> sampled_materials(const SampleParameters& sample, const LabelVolume& labels) {
+  std::vector<bool> is_sampled(labels.material_count(), sample.labels.empty());
+  for (const Label label : sample.labels)
+    is_sampled[material_named(labels, label, "sample.labels")] = true;
+  return is_sampled;
+}
+
+std::vector<std::string> check_label_options(const Parameters& parameters,
+                                             const LabelVolume& labels) {
+  check_boxes(parameters.boxes, labels.input_dims);
+  contact_sides(parameters, labels);
+  sampled_materials(parameters.sample, labels);
+  std::vector<std::string> warnings;
+  for (const auto& [label, own] : parameters.labels) {
     const bool is_used = own.r || own.epsilon || own.min_edge_mm || own.max_edge_mm;
-    if (is_used && !material_of(labels, label))
-      run.context.log->warn(
-          "parameters: label {} has a radius or sizes, but is not among the labels to mesh", label);
+    if (is_used && !labels.material_of(label))
+      warnings.push_back(fmt::format(
+          "parameters: label {} has a radius or sizes, but is not among the labels to mesh",
+          label));
   }
-  for (const InterfaceParameters& own : run.request.parameters.interfaces)
+  for (const InterfaceParameters& own : parameters.interfaces)
     if (!sides_of(labels, own.labels))
-      run.context.log->warn(
+      warnings.push_back(fmt::format(
           "parameters: interfaces names labels {} and {}, which are not both among the labels to "
           "mesh",
-          own.labels[0], own.labels[1]);
+          own.labels[0], own.labels[1]));
+  return warnings;
 }
 
 void warn_of_idle_sizes(const Run& run,
@@ -127,7 +142,7 @@ void warn_of_idle_sizes(const Run& run,
 TightenOptions tighten_options_of(const Parameters& parameters, const LabelVolume& labels) {
   TightenOptions options = parameters.tighten;
   for (const auto& [label, own] : parameters.labels)
-    if (const auto m = material_of(labels, label); m && own.r) options.r_vox_of[*m] = *own.r;
+    if (const auto m = labels.material_of(label); m && own.r) options.r_vox_of[*m] = *own.r;
   // The smaller radius rules where materials meet, and the exterior has no say in it.
   double largest = options.r_vox;
   for (const auto& [material, r] : options.r_vox_of)
@@ -164,7 +179,7 @@ SizingOptions sizing_options_of(const Parameters& parameters,
                                 const LabelVolume& labels) {
   SizingOptions options = parameters.sizing;
   for (const auto& [label, own] : parameters.labels)
-    if (const auto m = material_of(labels, label))
+    if (const auto m = labels.material_of(label))
       options.per_material[*m] = {own.epsilon, own.min_edge_mm, own.max_edge_mm};
   for (const InterfaceParameters& own : parameters.interfaces)
     if (const auto sides = sides_of(labels, own.labels))

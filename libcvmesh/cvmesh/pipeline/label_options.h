@@ -20,12 +20,20 @@ MaterialId material_named(const LabelVolume& labels,
                           const LabelReference& reference,
                           const std::string& key);
 
-/// Refuses boxes that reach outside the volume.
+/// The interfaces that `contact` names.
 /// @throws Error BadParameter
-void check_boxes(const Run& run);
+std::vector<Sides> contact_sides(const Parameters& parameters, const LabelVolume& labels);
 
-/// Says which labels have parameters, but are not there to use them.
-void warn_of_absent_labels(const Run& run, const LabelVolume& labels);
+/// Per material, whether the laws of density and modulus hold in it.
+/// @throws Error BadParameter
+std::vector<bool> sampled_materials(const SampleParameters& sample, const LabelVolume& labels);
+
+/// Looks up all labels and boxes that the parameters name, before the long work.
+/// @return warnings of labels that have parameters, but are not there to use them
+/// @throws Error BadParameter for boxes that reach outside the volume, and where `contact` or
+///         `sample.labels` names what is not among the labels to mesh
+std::vector<std::string> check_label_options(const Parameters& parameters,
+                                             const LabelVolume& labels);
 
 /// Says which sizes have no surface to rule.
 void warn_of_idle_sizes(const Run& run,

@@ -329,10 +329,13 @@ Round mesh_to_tets(Run& run,
   Round best;
   StageResults best_stages;
   double best_error = kInfinity;
+  double of_guards = 0;  // tets of the last round, by the share of its vertices that no size rules
   const auto actual = [&](double factor) {
     Round round =
         mesh_once(run, labels, dense, level_sets, sampler.sample(scaled(options, factor)));
     const double count = static_cast<double>(round.tets.tets.size());
+    const auto vertices = static_cast<double>(round.sampling.particles.particles.size());
+    of_guards = count * (1 - run.report.stages.sizing_field->expected_vertices / vertices);
     const double error = std::abs(count - wanted);
     if (error < best_error) {
       best_error = error;
@@ -341,10 +344,12 @@ Round mesh_to_tets(Run& run,
     }
     return count;
   };
+  const auto is_out_of_reach = [&] { return of_guards > (1 + kTetTolerance) * wanted; };
   const CountSearchResult found = find_epsilon(actual, {.target = wanted,
                                                         .start = first.epsilon,
                                                         .tolerance = kTetTolerance,
-                                                        .max_rounds = kTetRounds});
+                                                        .max_rounds = kTetRounds,
+                                                        .is_out_of_reach = is_out_of_reach});
   run.report.stages = std::move(best_stages);
   run.report.stages.epsilon_search = EpsilonSearch{
       "target_tets", wanted, found.count,
@@ -392,21 +397,31 @@ Round mesh_to_distance(Run& run,
   const SizingOptions first =
       scaled_to_distance(options, sampler.lfs_mm(), labels.frame().voxel_mm(), limit_mm);
 
-  Round round;
+  // Each round lays out its particles anew, so that the last one need not be the nearest.
+  Round best;
+  StageResults best_stages;
+  best.sparse.deviation.max_mm = kInfinity;
   std::vector<double> cap_mm(dense.mesh.points.size(), kInfinity);
   int rounds = 0;
   for (;;) {
+    Round round;
     round.sampling = sampler.sample(first, cap_mm);
     round.sparse = sparsen(run, labels, dense, round.sampling.particles, kWatched * limit_mm);
     ++rounds;
-    const Deviation& deviation = round.sparse.deviation;
-    if (deviation.max_mm <= limit_mm || rounds == kDistanceRounds) break;
-    refine(dense.mesh, round.sampling.sizing_field, deviation.above, limit_mm,
-           options.min_edge_mm.value_or(0), cap_mm);
+    const bool is_last = round.sparse.deviation.max_mm <= limit_mm || rounds == kDistanceRounds;
+    if (!is_last)
+      refine(dense.mesh, round.sampling.sizing_field, round.sparse.deviation.above, limit_mm,
+             options.min_edge_mm.value_or(0), cap_mm);
+    if (round.sparse.deviation.max_mm < best.sparse.deviation.max_mm) {
+      best = std::move(round);
+      best_stages = run.report.stages;
+    }
+    if (is_last) break;
   }
-  fill_or_reorder(run, labels, dense, kWatched * limit_mm, round);
-  const SizingField& field = round.sampling.sizing_field;
-  const double reached = round.sparse.deviation.max_mm;
+  run.report.stages = std::move(best_stages);
+  fill_or_reorder(run, labels, dense, kWatched * limit_mm, best);
+  const SizingField& field = best.sampling.sizing_field;
+  const double reached = best.sparse.deviation.max_mm;
   run.report.stages.epsilon_search =
       EpsilonSearch{key, limit_mm / unit_mm, reached / unit_mm, field.median_epsilon(), rounds};
   if (reached > limit_mm)
@@ -414,7 +429,7 @@ Round mesh_to_distance(Run& run,
         "{} ({:g}) was not reached: {:.3g} is left after {} rounds; min_edge_mm, or parts "
         "finer than the dense surface, may forbid more; raise it or lower min_edge_mm",
         key, limit_mm / unit_mm, reached / unit_mm, rounds);
-  return round;
+  return best;
 }
 
 void write_stages(Run& run, const Dense& dense, const Round& round) {

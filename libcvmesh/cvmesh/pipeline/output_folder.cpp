@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr char kStageFolder[] = "stages";
+constexpr char kStageSuffix[] = ".stages";
 constexpr char kFailureSuffix[] = ".failed.json";
 constexpr std::array kResultSuffixes = {".metrics.json", ".vtu", ".mesh", ".surface.vtp",
                                         ".report.html"};
@@ -84,15 +84,10 @@ std::vector<fs::path> results_of(const fs::path& stem) {
       results.push_back(with_suffix(stem, file.suffix));
   const std::vector<fs::path> parts = surface_parts_of(stem);
   results.insert(results.end(), parts.begin(), parts.end());
-  return results;
-}
-
-std::vector<fs::path> stages_in(const fs::path& folder) {
-  std::vector<fs::path> stages;
-  std::error_code ignored;
   for (const char* file : kStageFiles)
-    if (fs::exists(folder / file, ignored)) stages.push_back(folder / file);
-  return stages;
+    if (fs::exists(with_suffix(stem, kStageSuffix) / file, ignored))
+      results.push_back(with_suffix(stem, kStageSuffix) / file);
+  return results;
 }
 
 [[noreturn]] void refuse_overwrite(const fs::path& file) {
@@ -120,10 +115,7 @@ OutputFolder::OutputFolder(fs::path folder, std::string name, const OutputPlan& 
               "; choose another one");
   check_writable(folder_);
   std::error_code ignored;
-  std::vector<fs::path> old_files = results_of(folder_ / name_);
-  const std::vector<fs::path> old_stages = stages_in(folder_ / kStageFolder);
-  if (plan.has_stages || plan.replace)
-    old_files.insert(old_files.end(), old_stages.begin(), old_stages.end());
+  const std::vector<fs::path> old_files = results_of(folder_ / name_);
   if (!plan.replace) {
     if (!old_files.empty()) refuse_overwrite(old_files.front());
     for (const std::string& suffix : plan.suffixes)
@@ -132,7 +124,7 @@ OutputFolder::OutputFolder(fs::path folder, std::string name, const OutputPlan& 
   }
   for (const fs::path& file : old_files)
     fs::remove(file, ignored);
-  fs::remove(folder_ / kStageFolder, ignored);  // only if nothing else is in it
+  fs::remove(stage_folder(), ignored);  // only if nothing else is in it
   fs::remove(failure_file(), ignored);
 }
 
@@ -143,17 +135,21 @@ fs::path OutputFolder::add(const std::string& suffix) {
 
 fs::path OutputFolder::add_stage(const std::string& file) {
   std::error_code error;
-  fs::create_directories(folder_ / kStageFolder, error);
+  fs::create_directories(stage_folder(), error);
   require(!error, ErrorCode::Output, stage_names::kWrite,
-          "the folder '" + (folder_ / kStageFolder).string() +
-              "' cannot be made: " + error.message() + "; choose another output folder");
+          "the folder '" + stage_folder().string() + "' cannot be made: " + error.message() +
+              "; choose another output folder");
   const std::lock_guard lock(mutex_);
-  return files_.emplace_back(folder_ / kStageFolder / file);
+  return files_.emplace_back(stage_folder() / file);
 }
 
 std::vector<fs::path> OutputFolder::files() const {
   const std::lock_guard lock(mutex_);
   return files_;
+}
+
+fs::path OutputFolder::stage_folder() const {
+  return folder_ / (name_ + kStageSuffix);
 }
 
 fs::path OutputFolder::failure_file() const {
@@ -165,12 +161,12 @@ void OutputFolder::discard() noexcept {
   std::error_code ignored;
   for (const fs::path& file : files_)
     fs::remove(file, ignored);
-  fs::remove(folder_ / kStageFolder, ignored);
+  fs::remove(stage_folder(), ignored);
   files_.clear();
 }
 
 void OutputFolder::abandon() noexcept {
-  remove_temporaries(folder_ / kStageFolder);
+  remove_temporaries(stage_folder());
   remove_temporaries(folder_);
   discard();
 }

@@ -14,7 +14,6 @@ std::string input_stem(const std::filesystem::path& input);
 /// What a run is going to write into its folder.
 struct OutputPlan {
   std::vector<std::string> suffixes;  ///< of NAME
-  bool has_stages = false;            ///< files in stages/, too
   bool replace = false;               ///< files that are there already may go
 };
 
@@ -33,7 +32,7 @@ class OutputFolder {
 
   /// Path of NAME`suffix`; from now on a file of this run.
   std::filesystem::path add(const std::string& suffix);
-  /// Path of stages/`file`, the folder made when needed; from now on a file of this run.
+  /// Path of NAME.stages/`file`, the folder made when needed; from now on a file of this run.
   std::filesystem::path add_stage(const std::string& file);
 
   /// NAME.failed.json, which `discard()` does not touch.
@@ -48,6 +47,8 @@ class OutputFolder {
   void abandon() noexcept;
 
  private:
+  [[nodiscard]] std::filesystem::path stage_folder() const;
+
   std::filesystem::path folder_;
   std::string name_;
   mutable std::mutex mutex_;  ///< of `files_`

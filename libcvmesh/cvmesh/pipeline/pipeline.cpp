@@ -319,12 +319,21 @@ void check_limits(Run& run, const LabelVolume& labels) {
   if (exceeds_time(forecast)) refuse("time", forecast.seconds, limits.time_s, "s", "--time-limit");
 }
 
+void warn_of_first_order_files(const Run& run) {
+  if (run.request.parameters.element_order > 1 && run.request.formats.contains(MeshFormat::Mesh))
+    run.context.log->warn(
+        "parameters: element_order is {}, but .mesh files hold the corners of the tets only; leave "
+        "them out with --formats vtu",
+        run.request.parameters.element_order);
+}
+
 void run_stages(Run& run) {
+  warn_of_first_order_files(run);
   const LabelVolume native = read_and_clean(run);
+  for (const std::string& warning : check_label_options(run.request.parameters, native))
+    run.context.log->warn("{}", warning);
+  check_sample(run, native);
   check_limits(run, native);
-  check_boxes(run);
-  check_finish(run, native);
-  warn_of_absent_labels(run, native);
   std::optional<ResampleLabelsResult> resampled = resample(run, native);
   const LabelVolume& labels = resampled ? resampled->labels : native;
   LevelSets level_sets = smooth_level_sets_of(run, labels);
@@ -394,9 +403,7 @@ void write_failure(const OutputFolder& outputs,
 }
 
 OutputPlan plan_of(const RunRequest& request) {
-  OutputPlan plan{.suffixes = mesh_suffixes(request),
-                  .has_stages = request.keep_stages,
-                  .replace = request.force};
+  OutputPlan plan{.suffixes = mesh_suffixes(request), .replace = request.force};
   if (request.html_report) plan.suffixes.emplace_back(".report.html");
   plan.suffixes.emplace_back(".metrics.json");
   return plan;

@@ -35,7 +35,7 @@ struct RunRequest {
   /// Names that are not in the parameters, whose own win; those of absent labels are not used.
   std::map<Label, std::string> label_names;
   std::optional<Space> space;  ///< of the written coordinates; default: the input's own
-  bool keep_stages = false;    ///< each stage's result to out_dir/stages/
+  bool keep_stages = false;    ///< each stage's result to out_dir/NAME.stages/
   bool surface_only = false;   ///< stop before the tets
   /// To write; with `surface_only` those of tets are left out.
   std::set<MeshFormat> formats{MeshFormat::Vtu, MeshFormat::Mesh};
