@@ -21,7 +21,7 @@ mkdir -p "$work" "$images"
 mesh() {
   volume=$1 name=$2
   shift 2
-  [ -f "$work/$name/$volume.metrics.json" ] && return
+  [ -f "$work/$name/$volume.metrics.json" ] && [ -d "$work/$name/$volume.stages" ] && return
   path="$data/$volume.nii.gz"
   [ -f "$path" ] || path="$work/$volume.nii.gz"
   settings=""

@@ -4,6 +4,7 @@
 #include "cvmesh/core/context.h"
 #include "cvmesh/core/error.h"
 #include "cvmesh/grid/shear.h"
+#include "cvmesh/io/label_names.h"
 #include "cvmesh/metrics/thinnest_parts.h"
 #include "cvmesh/pipeline/forecast.h"
 #include "cvmesh/pipeline/label_options.h"
@@ -12,10 +13,10 @@
 #include <nlohmann/json.hpp>
 #include <spdlog/fmt/fmt.h>
 
-#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <iostream>
+#include <utility>
 
 namespace cvmesh::app {
 
@@ -44,7 +45,11 @@ Checked check(const CheckCommand& command, const Parameters& parameters, int thr
   Checked result;
   const InputVolume volume = read_label_volume(command.input, &result.warnings, command.read);
   result.input = volume.frame;
-  result.cleaned = clean_labels(volume, parameters.clean_labels, silent_context());
+  CleanLabelsOptions cleaning = parameters.clean_labels;
+  if (!command.label_names_file.empty())
+    for (const auto& [label, name] : read_label_names(command.label_names_file))
+      cleaning.names.try_emplace(label, name);
+  result.cleaned = clean_labels(volume, cleaning, silent_context());
   for (std::string& warning : check_label_options(parameters, result.cleaned.labels))
     result.warnings.push_back(std::move(warning));
   result.thinnest_mm = thinnest_parts_mm(result.cleaned.labels);

@@ -10,7 +10,7 @@
 namespace cvmesh::app {
 
 struct CheckCommand {
-  std::string input, params_file;
+  std::string input, params_file, label_names_file;
   std::vector<std::string> settings;  ///< "key=value"
   ReadVolumeOptions read;
   bool as_json = false;
@@ -20,7 +20,8 @@ struct CheckCommand {
 /// these parameters takes, and stops.
 /// @param threads  of the run that is forecast
 /// @return the exit code
-/// @throws Error as `cvmesh mesh` would when it reads the volume
+/// @throws Error as `cvmesh mesh` would when it reads the volume and looks up what the parameters
+///         name in it
 int run_check(const CheckCommand& command, const Parameters& parameters, int threads);
 
 }  // namespace cvmesh::app

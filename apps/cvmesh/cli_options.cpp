@@ -99,11 +99,18 @@ void add_reader_options(CLI::App& command, Input& input, ReadVolumeOptions& read
                    "Follow a header to voxels in a file beside it");
 }
 
+void add_label_names_option(CLI::App& command, std::string& file) {
+  command.add_option("--label-names", file,
+                     "Names of labels: an ITK-SNAP label description or a 3D Slicer colour table; "
+                     "names in the parameter file win");
+}
+
 void add_check_command(CLI::App& app, CliOptions& options) {
   CLI::App* check = app.add_subcommand(
       "check", "Read and validate a label volume, print its labels and what meshing would take");
   add_reader_options(*check, options.check.input, options.check.read);
   check->add_option("--params", options.check.params_file, "Parameter file (JSON)");
+  add_label_names_option(*check, options.check.label_names_file);
   check->add_option("--set", options.check.settings, "key=value, over the parameter file")
       ->allow_extra_args(false);
   add_threads_option(*check, options);
@@ -143,9 +150,7 @@ void add_mesh_command(CLI::App& app,
   add_reader_options(*mesh, inputs, options.mesh.read);
   mesh->add_option("--params", options.mesh.params_file,
                    "Parameter file (JSON); default: the built-in values (cvmesh defaults)");
-  mesh->add_option("--label-names", options.mesh.label_names_file,
-                   "Names of labels: an ITK-SNAP label description or a 3D Slicer colour table; "
-                   "names in the parameter file win");
+  add_label_names_option(*mesh, options.mesh.label_names_file);
   mesh->add_option("--sample", options.mesh.sample_file,
                    "An image, such as CT, whose mean and median in each tet are written with the "
                    "tets; laws of density and modulus are in the parameter file");

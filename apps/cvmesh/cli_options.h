@@ -40,13 +40,13 @@ struct CliOptions {
   bool schema_of_metrics = false;  ///< `schema` prints that of the report
 };
 
-/// The command line, parsed; or, where it was answered already (help, version, usage error), the
-/// exit code.
+/// The command line, parsed; or, where it was answered already (help, version), the exit code.
 struct CliOutcome {
   CliOptions options;
   std::optional<int> exit_code;
 };
 
+/// @throws Error BadParameter for what is no usage of it
 CliOutcome parse_command_line(int argc, char** argv);
 
 /// The parameters of a file ("" for none) with "key=value" settings over it.

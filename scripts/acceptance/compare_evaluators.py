@@ -3,10 +3,10 @@
 """Compares what `cvmesh metrics` and the independent evaluator say about the same meshes, ours and
 those of CGAL's Mesh_3; a test (label "slow").
 
-    compare_evaluators.py CVMESH SHARED OUT
+    compare_evaluators.py CVMESH SHARED TOOLS OUT
 
-SHARED has data/ and tools/; where it is not there the test is skipped (status 77). OUT gets the
-tools, built once, the meshes and the results. Every check must hold:
+SHARED has data/ and tools/; where it is not there the test is skipped (status 77). TOOLS gets the
+tools, built once, OUT the meshes and the results. Every check must hold:
 
 counts, validity  identical: tets, triangles, tets per label, inverted and flat tets, faces in more
                   than two tets, repeated tets, pairs of intersecting triangles; per label: closed
@@ -184,13 +184,12 @@ def make_meshes(cvmesh, tools, data, out):
 
 
 def main():
-    cvmesh, shared, out = map(pathlib.Path, sys.argv[1:4])
+    cvmesh, shared, tools, out = map(pathlib.Path, sys.argv[1:5])
     data, build = shared / "data", shared / "tools" / "build.sh"
     if not build.exists() or not data.is_dir():
         print(f"compare_evaluators: skipped, no evaluator or no data in {shared}")
         return 77
     out.mkdir(parents=True, exist_ok=True)
-    tools = out / "tools"
     run(build, "--peer", tools, stdout=subprocess.DEVNULL)
     failed = meshes = 0
     for mesh, volume in make_meshes(cvmesh, tools, data, out):

@@ -56,6 +56,10 @@ TEST_CASE("cvmesh check: what names labels and boxes is looked up", "[cli]") {
   CHECK_THAT(refusal("contact=[[1,9]]"), Catch::Contains("contact names \"9\""));
   CHECK_THAT(refusal("boxes=[{\"box\":[0,0,0,99,9,9],\"epsilon\":1}]"),
              Catch::Contains("boxes[0].box reaches i = 99"));
+  image_files::write_file(folder / "names.ctbl", "1 core 0 0 255 255\n2 shell 255 0 0 255\n");
+  CHECK(run_cli::cvmesh({"check", input, "--set", "contact=[[\"core\",\"shell\"]]", "--label-names",
+                         (folder / "names.ctbl").string()})
+            .exit_code == 0);
   const Outcome absent = run_cli::cvmesh({"check", input, "--set", "labels.7.epsilon=1"});
   CHECK(absent.exit_code == 0);
   CHECK_THAT(absent.out, Catch::Contains("label 7 has a radius or sizes"));

@@ -70,6 +70,9 @@ TEST_CASE("cvmesh: a wrong command line is refused with code 2", "[cli]") {
   CHECK(run_cli::cvmesh({"mesh", "a.nii", "--threads", "0"}).exit_code == 2);
   CHECK(run_cli::cvmesh({"mesh", "a.nii", "--space", "up"}).exit_code == 2);
   CHECK(run_cli::cvmesh({"mesh", "a.nii", "--quiet", "--verbose"}).exit_code == 2);
+  CHECK(
+      run_cli::cvmesh({"mesh"}).err ==
+      "cvmesh: error: command line: LABELS is required; cvmesh mesh --help lists what there is\n");
 }
 
 TEST_CASE("cvmesh schema and defaults: print JSON to standard output", "[cli]") {

@@ -253,7 +253,7 @@ TEST_CASE("cvmesh mesh: a signal is in the failure file, with its exit code", "[
   }
 }
 
-TEST_CASE("cvmesh mesh: stopped or killed at any moment it leaves nothing behind", "[cli][slow]") {
+TEST_CASE("cvmesh mesh: stopped or killed at any moment it leaves nothing behind", "[cli][timed]") {
   constexpr int kMoments = 12;
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::nested_balls(6, 10));

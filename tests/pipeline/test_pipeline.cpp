@@ -347,6 +347,11 @@ TEST_CASE("run_pipeline: elements of second order follow the dense surface on re
       *run_pipeline(request, silent_context()).report.stages.second_order;
   CHECK(straight.moved == 0);
   CHECK(straight.least_jacobian == Approx(1));
+  const auto warnings = [&] {
+    return read_json(folder / "out" / "a.metrics.json")["results"]["warnings"].dump();
+  };
+  CHECK_THAT(warnings(), Catch::Contains("element_order is 2, but .mesh files hold the corners"));
+  request.formats = {MeshFormat::Vtu};
   request.parameters.curved_elements = true;
   const RunResult curved = run_pipeline(request, silent_context());
   const SecondOrderStats& stats = *curved.report.stages.second_order;
@@ -356,6 +361,7 @@ TEST_CASE("run_pipeline: elements of second order follow the dense surface on re
   const auto json = read_json(folder / "out" / "a.metrics.json");
   CHECK(json["results"]["stages"]["second_order_nodes"]["moved"] == stats.moved);
   CHECK(json["parameters"]["element_order"] == 2);
+  CHECK_THAT(warnings(), !Catch::Contains("element_order"));
 }
 
 TEST_CASE("run_pipeline: target_vertices is met within two percent", "[pipeline][unit]") {

@@ -157,6 +157,26 @@ TEST_CASE("html_report: without tets the page has the surface only", "[report][u
   CHECK(data["mesh"]["arrays"]["points"]["length"] == 3 * surface_only.surface.points.size());
 }
 
+TEST_CASE("html_report: the view of too many tets has the surface only", "[report][unit]") {
+  TetMesh cube = simple_meshes::two_material_cube();
+  cube.points.push_back({0.5, 0.5, 0.5});  // of the inside
+  const FacetDistances distances = measure_facet_distances(cube.surface, cube.surface, 1);
+  const std::size_t count = cube.tets.size();
+  const auto data_of = [&](std::size_t most_tets) {
+    return Json::parse(
+        script_of(html_report(report_of_cube(), cube, distances, {}, most_tets), "report-data"));
+  };
+  const Json whole = data_of(count), surface = data_of(count - 1);
+  CHECK(whole["mesh"]["tets_left_out"] == 0);
+  CHECK(whole["mesh"]["arrays"]["tets"]["length"] == 4 * count);
+  CHECK(whole["mesh"]["arrays"]["points"]["length"] == 3 * cube.points.size());
+  CHECK(surface["mesh"]["tets_left_out"] == count);
+  CHECK(surface["mesh"]["arrays"]["tets"]["length"] == 0);
+  CHECK(surface["mesh"]["arrays"]["points"]["length"] == 3 * cube.surface.points.size());
+  CHECK(surface["mesh"]["arrays"]["facets"]["length"] == 3 * cube.surface.facets.size());
+  CHECK(surface["histograms"] == whole["histograms"]);
+}
+
 TEST_CASE("pack_html_mesh: the mesh comes back, points to 16 bits, in the output's space",
           "[report][unit]") {
   const TetMesh cube = simple_meshes::two_material_cube();

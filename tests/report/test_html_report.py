@@ -238,6 +238,11 @@ def main():
         check(browser.wait_for_viewer() == "ready", "a report of surfaces only has its view")
         check(browser.picture()[1] > 0.05, "and draws on it")
         check(browser.console_errors() == [], "and its console stays empty")
+        page.write_text(page.read_text().replace('"tets_left_out":0', '"tets_left_out":2500000'))
+        browser.open(page)
+        browser.wait_for_viewer()
+        shown = browser.script("return document.getElementById('shown').textContent")
+        check("tets are too many" in shown, "it tells where tets were left out")
     write_sheared(out / "spheres.nii.gz", out / "sheared.nii.gz")
     run([cvmesh, "mesh", out / "sheared.nii.gz", "--out", out, "--allow-shear", "--surface-only",
          "--report", "--quiet", "--force"])

@@ -17,7 +17,6 @@ namespace {
 using Triangle = std::array<std::int32_t, 3>;
 using Tet = std::array<std::int32_t, 4>;
 
-// Faces opposite to vertex k, counter-clockwise from outside a positive tet.
 constexpr double kOnWallVox = 1e-6;  // files round coordinates
 
 struct FaceUse {

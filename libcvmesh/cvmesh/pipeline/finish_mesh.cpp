@@ -75,6 +75,7 @@ void check_sample(Run& run, const LabelVolume& labels) {
       run.context.log->warn("parameters: sample has laws, but there is no image; give --sample");
     return;
   }
+  sampled_materials(run.request.parameters.sample, labels);
   mm_to_image_index(labels, read_sample(run, true).frame);
 }
 

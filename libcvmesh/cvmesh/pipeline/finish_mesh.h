@@ -8,8 +8,8 @@
 /// What a measured mesh of tets gets before it is written, where a run asks for it.
 namespace cvmesh {
 
-/// Reads the image that `--sample` names: what is wrong with it ends the run before the long work.
-/// It is given back, so that it takes no memory meanwhile.
+/// Looks up `sample.labels` and reads the image that `--sample` names: what is wrong with them ends
+/// the run before the long work. The image is given back, so that it takes no memory meanwhile.
 /// @throws Error BadParameter, BadInput
 void check_sample(Run& run, const LabelVolume& labels);
 

@@ -97,7 +97,6 @@ std::vector<std::string> check_label_options(const Parameters& parameters,
                                              const LabelVolume& labels) {
   check_boxes(parameters.boxes, labels.input_dims);
   contact_sides(parameters, labels);
-  sampled_materials(parameters.sample, labels);
   std::vector<std::string> warnings;
   for (const auto& [label, own] : parameters.labels) {
     const bool is_used = own.r || own.epsilon || own.min_edge_mm || own.max_edge_mm;

@@ -7,6 +7,7 @@
 #include "cvmesh/sizing/compute_sizing_field.h"
 
 #include <optional>
+#include <string>
 #include <vector>
 
 /// What the parameter file says of the user's labels, interfaces and boxes of voxels, in the
@@ -28,10 +29,10 @@ std::vector<Sides> contact_sides(const Parameters& parameters, const LabelVolume
 /// @throws Error BadParameter
 std::vector<bool> sampled_materials(const SampleParameters& sample, const LabelVolume& labels);
 
-/// Looks up all labels and boxes that the parameters name, before the long work.
+/// Looks up the labels, interfaces and boxes that the parameters name, before the long work.
 /// @return warnings of labels that have parameters, but are not there to use them
-/// @throws Error BadParameter for boxes that reach outside the volume, and where `contact` or
-///         `sample.labels` names what is not among the labels to mesh
+/// @throws Error BadParameter for boxes that reach outside the volume, and where `contact` names
+///         what is not among the labels to mesh
 std::vector<std::string> check_label_options(const Parameters& parameters,
                                              const LabelVolume& labels);
 

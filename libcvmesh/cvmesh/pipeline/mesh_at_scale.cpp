@@ -344,7 +344,8 @@ Round mesh_to_tets(Run& run,
     }
     return count;
   };
-  const auto is_out_of_reach = [&] { return of_guards > (1 + kTetTolerance) * wanted; };
+  // Coarser sizes take tets from the inside around guards, too, but not a third of them.
+  const auto is_out_of_reach = [&] { return of_guards > 1.5 * wanted; };
   const CountSearchResult found = find_epsilon(actual, {.target = wanted,
                                                         .start = first.epsilon,
                                                         .tolerance = kTetTolerance,
@@ -400,7 +401,6 @@ Round mesh_to_distance(Run& run,
   // Each round lays out its particles anew, so that the last one need not be the nearest.
   Round best;
   StageResults best_stages;
-  best.sparse.deviation.max_mm = kInfinity;
   std::vector<double> cap_mm(dense.mesh.points.size(), kInfinity);
   int rounds = 0;
   for (;;) {
@@ -412,7 +412,7 @@ Round mesh_to_distance(Run& run,
     if (!is_last)
       refine(dense.mesh, round.sampling.sizing_field, round.sparse.deviation.above, limit_mm,
              options.min_edge_mm.value_or(0), cap_mm);
-    if (round.sparse.deviation.max_mm < best.sparse.deviation.max_mm) {
+    if (rounds == 1 || round.sparse.deviation.max_mm < best.sparse.deviation.max_mm) {
       best = std::move(round);
       best_stages = run.report.stages;
     }

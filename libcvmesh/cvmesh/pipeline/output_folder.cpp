@@ -90,6 +90,12 @@ std::vector<fs::path> results_of(const fs::path& stem) {
   return results;
 }
 
+/// Removes a folder with nothing in it; whatever else has its name stays.
+void remove_if_empty(const fs::path& folder) {
+  std::error_code ignored;
+  if (fs::is_directory(fs::symlink_status(folder, ignored))) fs::remove(folder, ignored);
+}
+
 [[noreturn]] void refuse_overwrite(const fs::path& file) {
   throw Error(ErrorCode::Output, stage_names::kWrite,
               "'" + file.string() +
@@ -124,7 +130,7 @@ OutputFolder::OutputFolder(fs::path folder, std::string name, const OutputPlan& 
   }
   for (const fs::path& file : old_files)
     fs::remove(file, ignored);
-  fs::remove(stage_folder(), ignored);  // only if nothing else is in it
+  remove_if_empty(stage_folder());
   fs::remove(failure_file(), ignored);
 }
 
@@ -161,7 +167,7 @@ void OutputFolder::discard() noexcept {
   std::error_code ignored;
   for (const fs::path& file : files_)
     fs::remove(file, ignored);
-  fs::remove(stage_folder(), ignored);
+  remove_if_empty(stage_folder());
   files_.clear();
 }
 

@@ -320,7 +320,8 @@ void check_limits(Run& run, const LabelVolume& labels) {
 }
 
 void warn_of_first_order_files(const Run& run) {
-  if (run.request.parameters.element_order > 1 && run.request.formats.contains(MeshFormat::Mesh))
+  if (run.request.parameters.element_order > 1 && !run.request.surface_only &&
+      run.request.formats.contains(MeshFormat::Mesh))
     run.context.log->warn(
         "parameters: element_order is {}, but .mesh files hold the corners of the tets only; leave "
         "them out with --formats vtu",

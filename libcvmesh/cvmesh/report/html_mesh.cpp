@@ -38,9 +38,7 @@ std::string deflate_bytes(const std::string& bytes) {
   return result;
 }
 
-void pack_points(const TetMesh& mesh, const Affine& mm_to_out, HtmlMesh& result) {
-  // A mesh of surfaces only has its points there.
-  const std::vector<Vec3>& points = mesh.tets.empty() ? mesh.surface.points : mesh.points;
+void pack_points(const std::vector<Vec3>& points, const Affine& mm_to_out, HtmlMesh& result) {
   Box3 box;
   for (const Vec3& p : points)
     box.add(mm_to_out(p));
@@ -122,10 +120,17 @@ std::string PackedArrays::base64() const {
 
 HtmlMesh pack_html_mesh(const TetMesh& mesh,
                         const FacetDistances& distances,
-                        const Affine& mm_to_out) {
+                        const Affine& mm_to_out,
+                        bool with_tets) {
   HtmlMesh result;
-  pack_points(mesh, mm_to_out, result);
-  pack_tets(mesh, result.arrays);
+  if (with_tets && !mesh.tets.empty()) {
+    pack_points(mesh.points, mm_to_out, result);
+    pack_tets(mesh, result.arrays);
+  } else {
+    pack_points(mesh.surface.points, mm_to_out, result);
+    pack_tets({}, result.arrays);
+    result.tets_left_out = mesh.tets.size();
+  }
   pack_facets(mesh.surface, distances, result.arrays);
   return result;
 }

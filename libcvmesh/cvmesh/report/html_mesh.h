@@ -43,6 +43,7 @@ class PackedArrays {
 /// What the 3-D view of the HTML report draws.
 struct HtmlMesh {
   Vec3 lo, step;  ///< a point is lo + step * (its three 16-bit numbers), in the output's space
+  std::size_t tets_left_out = 0;
   PackedArrays arrays;
 };
 
@@ -50,8 +51,10 @@ struct HtmlMesh {
 /// `points`, `tets`, `tet_material`, `tet_ratio` (3r/R), `tet_min_angle` (degrees), `facets`,
 /// `facet_sides`, `facet_ratio` (2r/R), `facet_distance` (mm). Shapes are in 16 bits, too: a
 /// number of 65535 parts of 1, or of 180 degrees.
+/// @param with_tets  false leaves out all tets, and the points that only they use
 HtmlMesh pack_html_mesh(const TetMesh& mesh,
                         const FacetDistances& distances,
-                        const Affine& mm_to_out);
+                        const Affine& mm_to_out,
+                        bool with_tets = true);
 
 }  // namespace cvmesh

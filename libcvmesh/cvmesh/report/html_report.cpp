@@ -72,6 +72,7 @@ Json data_json(const Report& report,
           {"mesh",
            {{"lo", vector_json(packed.lo)},
             {"step", vector_json(packed.step)},
+            {"tets_left_out", packed.tets_left_out},
             {"arrays", packed.arrays.directory()}}}};
 }
 
@@ -110,8 +111,10 @@ std::string fill(std::string_view page,
 std::string html_report(const Report& report,
                         const TetMesh& mesh,
                         const FacetDistances& distances,
-                        const Affine& mm_to_out) {
-  const HtmlMesh packed = pack_html_mesh(mesh, distances, mm_to_out);
+                        const Affine& mm_to_out,
+                        std::size_t most_tets) {
+  const bool with_tets = mesh.tets.size() <= most_tets;
+  const HtmlMesh packed = pack_html_mesh(mesh, distances, mm_to_out, with_tets);
   const std::string data = script_safe(data_json(report, mesh, distances, packed));
   const std::string arrays = packed.arrays.base64();
   // In the order of the page.

@@ -204,8 +204,7 @@ class Builder {
                                  const std::vector<std::int32_t>& material) {
     std::size_t kept = 0;
     for (std::size_t t = 0; t < mesh.tets.size(); ++t) {
-      const std::int32_t m =
-          material[static_cast<std::size_t>(parts.find(static_cast<std::int32_t>(t)))];
+      const std::int32_t m = material[parts.find(static_cast<std::uint32_t>(t))];
       if (m < 0) return "a connected part of the tets touches no facet of the surface";
       if (m == kExterior) continue;
       mesh.tets[kept++] = mesh.tets[t];

@@ -3,9 +3,9 @@
 
 #include "cvmesh/core/context.h"
 #include "cvmesh/mesh/interface_mesh.h"
+#include "cvmesh/mesh/mesh_names.h"
 #include "cvmesh/mesh/tet_mesh.h"
 #include "cvmesh/sizing/sizing_field.h"
-#include "cvmesh/tet/build_tet_mesh.h"
 #include "cvmesh/tet/improve_tets.h"
 
 #include <string>

@@ -356,7 +356,10 @@ const viewer = (() => {
       this.drawFrame();
       byId("shown").textContent =
         `Shown: ${charts.grouped(count)} of ${charts.grouped(model.count)} ${model.names}. ` +
-        "A cut leaves out whole " + model.names + ", so what it shows are elements of the mesh.";
+        "A cut leaves out whole " + model.names + ", so what it shows are elements of the mesh." +
+        (this.data.mesh.tets_left_out > 0 ?
+          ` The view has the surface only: ${charts.grouped(this.data.mesh.tets_left_out)} tets ` +
+          "are too many for it." : "");
       this.canvas.dataset.elements = count;
     }
 
