@@ -83,6 +83,15 @@ TEST_CASE("OutputFolder: kept stages are results, too; a failure file is not", "
   CHECK(fs::exists(folder / "b.stages/dense.off"));
 }
 
+TEST_CASE("OutputFolder: a file where the stages would go is left alone", "[pipeline][unit]") {
+  const test_data::TemporaryFolder folder;
+  write_file(folder / "a.stages", "mine");
+  OutputFolder outputs(folder.path(), "a", replacing(kMeshes));
+  CHECK_THROWS_AS(outputs.add_stage("dense.off"), Error);
+  outputs.discard();
+  CHECK(fs::exists(folder / "a.stages"));
+}
+
 TEST_CASE("OutputFolder: abandoned, it holds neither results nor temporary files",
           "[pipeline][unit]") {
   const test_data::TemporaryFolder folder;
