@@ -344,7 +344,7 @@ Round mesh_to_tets(Run& run,
     }
     return count;
   };
-  // Coarser sizes take tets from the inside around guards, too, but not a third of them.
+  // Coarser sizes take tets from around guards, too (a ninth of them, where it was measured).
   const auto is_out_of_reach = [&] { return of_guards > 1.5 * wanted; };
   const CountSearchResult found = find_epsilon(actual, {.target = wanted,
                                                         .start = first.epsilon,
