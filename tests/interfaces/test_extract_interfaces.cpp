@@ -30,20 +30,6 @@ InterfaceMesh dense(const Labels& labels, double r_vox = 0.8) {
                             silent_context());
 }
 
-// Volume inside the boundary of each material, mm^3.
-std::vector<double> volumes(const InterfaceMesh& mesh, std::size_t material_count) {
-  std::vector<double> six(material_count);
-  for (std::size_t f = 0; f < mesh.facets.size(); ++f) {
-    const auto& [a, b, c] = mesh.facets[f];
-    const double v = volume6({}, mesh.points[a], mesh.points[b], mesh.points[c]);
-    six[mesh.patch_of[f].sides.inside] += v;
-    six[mesh.patch_of[f].sides.outside] -= v;
-  }
-  for (double& v : six)
-    v /= 6;
-  return six;
-}
-
 // A box of `dims` nodes with random materials 1..count in its inside and label 0 around.
 Labels framed_noise(std::uint64_t seed) {
   Labels labels = label_grids::noise({10, 10, 10}, 4, seed);
@@ -114,7 +100,7 @@ TEST_CASE("extract_interfaces: a volume without label 0 is meshed to its box, ex
     ++m;
   labels.frame.spacing_mm = spacing;
   const InterfaceMesh mesh = dense(labels);
-  const auto all = volumes(mesh, 4);
+  const auto all = label_grids::volumes(mesh, 4);
   const double box = 7 * 6 * 5 * 0.5 * 0.25 * 2;
   CHECK(all[1] + all[2] + all[3] == Approx(box).epsilon(1e-12));
   CHECK(all[0] == Approx(-box).epsilon(1e-12));
@@ -242,7 +228,7 @@ TEST_CASE("extract_interfaces: volumes are those of the voxels within two in a h
     const double d = distance(p, {16, 16, 16});
     return d < 8 ? 1 : d < 12 ? 2 : 0;
   });
-  const auto all = volumes(dense(labels), 3);
+  const auto all = label_grids::volumes(dense(labels), 3);
   for (const MaterialId m : {MaterialId{1}, MaterialId{2}})
     CHECK(all[m] == Approx(static_cast<double>(label_grids::count(labels, m))).epsilon(0.02));
 }

@@ -128,6 +128,19 @@ std::vector<LatticeTopology> topology(const Labels& labels) {
   return all;
 }
 
+std::vector<double> volumes(const InterfaceMesh& mesh, std::size_t material_count) {
+  std::vector<double> six(material_count);
+  for (std::size_t f = 0; f < mesh.facets.size(); ++f) {
+    const auto& [a, b, c] = mesh.facets[f];
+    const double v = volume6({}, mesh.points[a], mesh.points[b], mesh.points[c]);
+    six[mesh.patch_of[f].sides.inside] += v;
+    six[mesh.patch_of[f].sides.outside] -= v;
+  }
+  for (double& v : six)
+    v /= 6;
+  return six;
+}
+
 std::vector<Named> phantoms() {
   std::vector<Named> list;
   list.push_back({"torus", sample({33, 33, 19}, [](const Vec3& p) -> MaterialId {

@@ -4,6 +4,7 @@
 #include "cvmesh/core/vec3.h"
 #include "cvmesh/grid/grid.h"
 #include "cvmesh/labels/lattice_topology.h"
+#include "cvmesh/mesh/interface_mesh.h"
 
 #include <array>
 #include <cstddef>
@@ -40,6 +41,9 @@ std::size_t material_count(const Labels& labels);
 
 /// Topology of every material, the exterior as well (`lattice_topology` leaves that out).
 std::vector<LatticeTopology> topology(const Labels& labels);
+
+/// Volume inside the boundary of each material in a surface, mm^3.
+std::vector<double> volumes(const InterfaceMesh& mesh, std::size_t material_count);
 
 struct Named {
   const char* name;

@@ -127,7 +127,8 @@ TEST_CASE("make_forecast: follows sizes, boxes, targets, threads and the working
 
   InputVolume slices = phantoms::nested_balls(6, 12, {0.5, 0.5, 2});
   parameters = {};
-  const std::size_t native = forecast_of(slices, parameters).dense_facets;
-  parameters.grid_spacing_mm = GridSpacing{.is_auto = true};
-  CHECK(forecast_of(slices, parameters).dense_facets > 1.5 * static_cast<double>(native));
+  parameters.grid_spacing_mm = GridSpacing{.mm = 0.5};
+  const std::size_t coarse = forecast_of(slices, parameters).dense_facets;
+  parameters.grid_spacing_mm = GridSpacing{.mm = 0.25};
+  CHECK(forecast_of(slices, parameters).dense_facets > 3 * coarse);
 }

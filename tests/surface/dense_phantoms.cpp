@@ -2,11 +2,11 @@
 #include "surface/dense_phantoms.h"
 
 #include "cvmesh/core/random.h"
-#include "cvmesh/interfaces/extract_interfaces.h"
 #include "cvmesh/labels/clean_labels.h"
 #include "cvmesh/levelset/build_level_sets.h"
 #include "cvmesh/levelset/tighten.h"
 #include "cvmesh/mesh/validate.h"
+#include "cvmesh/pipeline/dense_surfaces.h"
 
 #include "support/catch.h"
 #include <cmath>
@@ -24,8 +24,9 @@ DensePhantom make(const InputVolume& volume) {
   const auto ids = std::make_shared<const Grid<MaterialId>>(std::move(labels.ids));
   LevelSets level_sets = build_level_sets(ids, phantom.material_count, context).level_sets;
   level_sets = tighten(std::move(level_sets), {}, context).level_sets;
-  phantom.mesh = extract_interfaces(level_sets, context);
-  phantom.strata = find_strata(phantom.mesh);
+  Dense dense = make_dense_surfaces(level_sets, context);
+  phantom.mesh = std::move(dense.mesh);
+  phantom.strata = std::move(dense.strata);
   return phantom;
 }
 

@@ -75,7 +75,8 @@ TEST_CASE("remove_needles: what has no needles stays as it is, curves and corner
     dense_phantoms::require_same_topology(freed.surfaces.to_interface_mesh(), dense);
     CHECK(freed.surfaces.vertex_count() + freed.stats.removed == vertices);
     if (poorest > 0.0128) CHECK(freed.stats.removed == 0);
-    CHECK(poorest_quality(freed.surfaces.to_interface_mesh()) >= poorest);
+    // but for rounding: facets may begin at another corner
+  CHECK(poorest_quality(freed.surfaces.to_interface_mesh()) >= poorest * (1 - 1e-12));
   }
 }
 

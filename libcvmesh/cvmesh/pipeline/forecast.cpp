@@ -2,12 +2,12 @@
 #include "cvmesh/pipeline/forecast.h"
 
 #include "cvmesh/core/context.h"
-#include "cvmesh/interfaces/extract_interfaces.h"
 #include "cvmesh/levelset/build_level_sets.h"
 #include "cvmesh/levelset/resample_labels.h"
 #include "cvmesh/levelset/tighten.h"
 #include "cvmesh/medial/extract_medial_axis.h"
 #include "cvmesh/metrics/measured_surfaces.h"
+#include "cvmesh/pipeline/dense_surfaces.h"
 #include "cvmesh/pipeline/label_options.h"
 #include "cvmesh/pipeline/run.h"
 #include "cvmesh/sizing/compute_sizing_field.h"
@@ -24,12 +24,13 @@ namespace {
 // Measured on volumes of 8 to 32 million voxels, 2 to 116 labels, epsilon 0.5 to 5.
 constexpr double kTetsPerVertex = 12;
 constexpr double kBaseMb = 15;
-constexpr double kBytesPerVoxel = 3, kBytesPerFacet = 480, kBytesPerVertex = 4500;
+constexpr double kBytesPerVoxel = 3, kBytesPerFullFacet = 290, kBytesPerFacet = 520,
+                 kBytesPerVertex = 4500;
 constexpr double kMebi = 1 << 20;
 // Processor time. Decimation and metrics take most of what a facet costs, the improvement of the
 // tets most of what a vertex costs.
-constexpr double kBaseSeconds = 0.05, kSecondsPerFacet = 25e-6, kSecondsPerVoxel = 0.3e-6,
-                 kSecondsPerVertex = 0.75e-3;
+constexpr double kBaseSeconds = 0.05, kSecondsPerFacet = 42e-6, kSecondsPerVoxel = 0.3e-6,
+                 kSecondsPerVertex = 0.9e-3;
 constexpr double kSequentialShare = 0.35;
 // A sixth of what a run smooths, and more where it costs less than a second: then vertices differ
 // by 1 to 6 % where epsilon is 0.5 to 4. Without smoothing a ball has a third of its vertices, and
@@ -47,8 +48,8 @@ std::optional<LabelVolume> on_working_grid(const LabelVolume& labels,
 
 /// The surfaces to come, on a grid.
 struct Surfaces {
-  std::size_t facets = 0;
-  double vertices = 0;  ///< that the sizes lead to
+  std::size_t facets = 0, full_facets = 0;  ///< after and before dense vertices are merged
+  double vertices = 0;                      ///< that the sizes lead to
 };
 
 Surfaces first_stages(const LabelVolume& labels,
@@ -63,9 +64,9 @@ Surfaces first_stages(const LabelVolume& labels,
     smoothing.smoothing_sweeps =
         std::min(smoothing.smoothing_sweeps, std::max(kLeastSweeps, static_cast<int>(affordable)));
   const LevelSets level_sets = tighten(std::move(rough), smoothing, context).level_sets;
-  Dense dense{extract_interfaces(level_sets, context), {}};
-  dense.strata = find_strata(dense.mesh);
+  const Dense dense = make_dense_surfaces(level_sets, context);
   Surfaces result{.facets = dense.mesh.facets.size()};
+  result.full_facets = result.facets + 2 * dense.compaction.merged_vertices;
   if (parameters.target_vertices || parameters.target_tets) return result;  // sizes do not matter
   const MedialAxis axis =
       extract_medial_axis(level_sets, dense.mesh, dense.strata, parameters.medial_axis, context)
@@ -100,15 +101,19 @@ double least_edge_mm(const Parameters& parameters, double voxel_mm) {
   return least;
 }
 
-Forecast costs_of(std::size_t facets, double vertices, std::size_t voxels, int threads) {
+Forecast costs_of(const Surfaces& surfaces, std::size_t voxels, int threads) {
   Forecast forecast;
-  forecast.dense_facets = facets;
+  const double vertices = surfaces.vertices;
+  forecast.dense_facets = surfaces.facets;
   forecast.surface_vertices = vertices;
   forecast.tets = kTetsPerVertex * vertices;
-  const auto of_facets = static_cast<double>(facets), of_voxels = static_cast<double>(voxels);
+  const auto of_facets = static_cast<double>(surfaces.facets),
+             of_full = static_cast<double>(surfaces.full_facets),
+             of_voxels = static_cast<double>(voxels);
   forecast.memory_mb =
       kBaseMb + (kBytesPerVoxel * of_voxels +
-                 std::max(kBytesPerFacet * of_facets, kBytesPerVertex * vertices)) /
+                 std::max({kBytesPerFullFacet * of_full, kBytesPerFacet * of_facets,
+                           kBytesPerVertex * vertices})) /
                     kMebi;
   const double on_one_thread = kBaseSeconds + kSecondsPerFacet * of_facets +
                                kSecondsPerVoxel * of_voxels + kSecondsPerVertex * vertices;
@@ -134,21 +139,19 @@ std::optional<Forecast> bound_forecast(const LabelVolume& labels,
   const double vertices = std::max({2 / std::sqrt(3.0) * area / (edge * edge),
                                     static_cast<double>(parameters.target_vertices.value_or(0)),
                                     static_cast<double>(parameters.target_tets.value_or(0))});
-  return costs_of(static_cast<std::size_t>(kMostFacetsPerFace) * faces.size(), vertices,
-                  labels.frame().size(), threads);
+  const std::size_t facets = static_cast<std::size_t>(kMostFacetsPerFace) * faces.size();
+  return costs_of({facets, facets, vertices}, labels.frame().size(), threads);
 }
 
 Forecast make_forecast(const LabelVolume& labels, const Parameters& parameters, int threads) {
   const std::optional<LabelVolume> resampled = on_working_grid(labels, parameters.grid_spacing_mm);
   const LabelVolume& working = resampled ? *resampled : labels;
-  const Surfaces surfaces = first_stages(working, labels.frame().spacing_mm, parameters);
-
-  double vertices = surfaces.vertices;
+  Surfaces surfaces = first_stages(working, labels.frame().spacing_mm, parameters);
   if (parameters.target_vertices)
-    vertices = static_cast<double>(*parameters.target_vertices);
+    surfaces.vertices = static_cast<double>(*parameters.target_vertices);
   else if (parameters.target_tets)
-    vertices = static_cast<double>(*parameters.target_tets) / kTetsPerVertex;
-  return costs_of(surfaces.facets, vertices, working.frame().size(), threads);
+    surfaces.vertices = static_cast<double>(*parameters.target_tets) / kTetsPerVertex;
+  return costs_of(surfaces, working.frame().size(), threads);
 }
 
 }  // namespace cvmesh

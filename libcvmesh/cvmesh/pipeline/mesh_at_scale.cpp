@@ -120,8 +120,11 @@ Sparse sparsen(Run& run,
   InsertParticlesResult inserted = run.stage.run(
       stage_names::kInsertion,
       [&] {
-        return insert_particles(MaterialSurfaces(dense.mesh, labels.material_count()), dense.strata,
-                                particles, voxel_mm, run.context);
+        MaterialSurfaces surfaces(dense.mesh, labels.material_count());
+        for (const FacetSample& sample : dense.samples)
+          surfaces.add_sample(sample.facet, sample.position);
+        return insert_particles(std::move(surfaces), dense.strata, particles, voxel_mm,
+                                run.context);
       },
       [](const InsertParticlesResult& r) {
         return fmt::format("{} snapped, {} edges and {} facets split", r.stats.snapped,

@@ -3,7 +3,6 @@
 
 #include "cvmesh/core/error.h"
 #include "cvmesh/core/version.h"
-#include "cvmesh/interfaces/extract_interfaces.h"
 #include "cvmesh/io/atomic_file.h"
 #include "cvmesh/io/json_io.h"
 #include "cvmesh/io/output_tables.h"
@@ -12,6 +11,7 @@
 #include "cvmesh/levelset/resample_labels.h"
 #include "cvmesh/metrics/facet_distances.h"
 #include "cvmesh/pipeline/check_mesh.h"
+#include "cvmesh/pipeline/dense_surfaces.h"
 #include "cvmesh/pipeline/finish_mesh.h"
 #include "cvmesh/pipeline/forecast.h"
 #include "cvmesh/pipeline/label_options.h"
@@ -149,12 +149,7 @@ LevelSets smooth_level_sets_of(Run& run, const LabelVolume& labels) {
 
 Dense extract_dense(Run& run, const LevelSets& level_sets) {
   Dense dense = run.stage.run(
-      stage_names::kDenseSurfaces,
-      [&] {
-        Dense result{extract_interfaces(level_sets, run.context), {}};
-        result.strata = find_strata(result.mesh);
-        return result;
-      },
+      stage_names::kDenseSurfaces, [&] { return make_dense_surfaces(level_sets, run.context); },
       [](const Dense& r) {
         return fmt::format("{} vertices, {} facets, {} interfaces, {} curves", r.mesh.points.size(),
                            r.mesh.facets.size(), r.strata.patches.size(), r.strata.curves.size());
@@ -165,7 +160,8 @@ Dense extract_dense(Run& run, const LevelSets& level_sets) {
                      .patches = dense.strata.patches.size(),
                      .curves = dense.strata.curves.size(),
                      .corners = static_cast<std::size_t>(std::count(
-                         dense.strata.dimension.begin(), dense.strata.dimension.end(), 0))};
+                         dense.strata.dimension.begin(), dense.strata.dimension.end(), 0)),
+                     .compaction = dense.compaction};
   if (run.request.keep_stages)
     write_off(run.outputs.add_stage("dense.off"), dense.mesh, run.mm_to_out);
   return dense;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #pragma once
 
-#include "cvmesh/mesh/interface_mesh.h"
 #include "cvmesh/mesh/mesh_names.h"
+#include "cvmesh/pipeline/dense_surfaces.h"
 #include "cvmesh/pipeline/output_folder.h"
 #include "cvmesh/pipeline/pipeline.h"
 #include "cvmesh/pipeline/stage_runner.h"
@@ -20,12 +20,6 @@ struct Run {
 
   Affine mm_to_out{};
   Space space = Space::Unknown;
-};
-
-/// The dense surfaces and what was derived from them.
-struct Dense {
-  InterfaceMesh mesh;
-  Strata strata;
 };
 
 /// The mesh is a baseline, written with its faults.

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "cvmesh/grid/grid_frame.h"
-#include "cvmesh/interfaces/extract_interfaces.h"
+#include "cvmesh/interfaces/compact_interfaces.h"
 #include "cvmesh/labels/clean_labels.h"
 #include "cvmesh/labels/lattice_topology.h"
 #include "cvmesh/levelset/build_level_sets.h"
@@ -53,9 +53,10 @@ struct InputSummary {
   std::string labels_sha256{};
 };
 
-/// Size of a multi-material surface.
+/// Size of the dense surfaces.
 struct SurfaceSummary {
   std::size_t vertices = 0, facets = 0, patches = 0, curves = 0, corners = 0;
+  CompactionStats compaction;
 };
 
 /// What was sampled onto the tets.

@@ -60,7 +60,9 @@ void to_json(Json& json, const SurfaceSummary& summary) {
           {"facets", summary.facets},
           {"patches", summary.patches},
           {"curves", summary.curves},
-          {"corners", summary.corners}};
+          {"corners", summary.corners},
+          {"merged_vertices", summary.compaction.merged_vertices},
+          {"barred_nodes", summary.compaction.barred_nodes}};
 }
 
 void to_json(Json& json, const MedialAxisStats& stats) {
