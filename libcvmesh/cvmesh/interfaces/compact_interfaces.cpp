@@ -5,6 +5,7 @@
 #include "cvmesh/mesh/facet_predicates.h"
 #include "cvmesh/mesh/facet_shapes.h"
 #include "cvmesh/mesh/shape_tree.h"
+#include "cvmesh/pipeline/stage_names.h"
 
 #include <tbb/enumerable_thread_specific.h>
 
@@ -231,8 +232,8 @@ class Compactor {
     return cluster_of_[v] >= 0 && is_due_[cluster_of_[v]] != 0;
   }
 
-  // --- as a cluster of some colour sees it: vertices of higher colours are not merged yet
-  // ---------
+  // --- as a cluster sees it: what has a higher colour is not merged yet
+  // ---------------------------
 
   [[nodiscard]] std::int32_t seen(std::int32_t v, std::uint8_t colour) const {
     return colour_of_vertex_[v] > colour ? v : merged_into_[v];
@@ -530,7 +531,7 @@ CompactInterfaces compact_interfaces(const InterfaceMesh& mesh,
   do {
     compactor.merge();
     compactor.collect_facets(result.mesh, is_new);
-    report_progress(context, "dense surfaces", 1);
+    report_progress(context, stage_names::kDenseSurfaces, 1);
   } while (compactor.bar(find_crowded(result.mesh, is_new, clearance_mm)));
   result.samples = compactor.samples(result.mesh);
   drop_unused_points(result.mesh);
