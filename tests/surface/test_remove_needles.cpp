@@ -76,7 +76,7 @@ TEST_CASE("remove_needles: what has no needles stays as it is, curves and corner
     CHECK(freed.surfaces.vertex_count() + freed.stats.removed == vertices);
     if (poorest > 0.0128) CHECK(freed.stats.removed == 0);
     // but for rounding: facets may begin at another corner
-  CHECK(poorest_quality(freed.surfaces.to_interface_mesh()) >= poorest * (1 - 1e-12));
+    CHECK(poorest_quality(freed.surfaces.to_interface_mesh()) >= poorest * (1 - 1e-12));
   }
 }
 
