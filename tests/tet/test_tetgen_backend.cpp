@@ -342,6 +342,43 @@ TEST_CASE("tetrahedralize: a reply whose indices have shifted is refused, howeve
   CHECK(contains(end_with(surface, merged), "point 5 "));
 }
 
+TEST_CASE("tetrahedralize: where one way to recover edges leaves a facet out, another is tried",
+          "[tet][unit]") {
+  // The reply for a surface with another diagonal, as if TetGen had lost an edge.
+  const InterfaceMesh surface = sphere({0, 0, 0}, 1, 2, {1, 0});
+  InterfaceMesh other = surface;
+  const auto [a, b, c] = surface.facets[0];
+  std::int32_t d = -1;
+  for (auto& facet : other.facets)
+    for (std::size_t k = 0; k < 3; ++k)
+      if (facet[k] == b && facet[(k + 1) % 3] == a) {
+        d = facet[(k + 2) % 3];
+        facet = {d, c, a};
+      }
+  REQUIRE(d >= 0);
+  other.facets[0] = {c, d, b};
+  const TetgenRun wrong = run(other, "pYAq1.4JQ");
+  REQUIRE(wrong.outcome == TetgenOutcome::Meshed);
+
+  const std::string file = write_reply(wrong.reply);
+  const std::string unless_2 =
+      "f=$(mktemp); cat > $f; exec 3< $f; head -c 99 $f | grep -aq pY/2; is_2=$?; rm $f\n"
+      "if [ $is_2 = 0 ]; then exec \"$REAL\" <&3; else cat " +
+      file + "; fi";
+  {
+    const FakeHelper fake(unless_2);
+    const auto result = tetrahedralize(surface, 2, {}, {.improvement_passes = 0}, silent_context());
+    CHECK(result.stats.attempts == 2);
+    CHECK(result.stats.switches.rfind("pY/2Aq1.4/10JQ", 0) == 0);
+    REQUIRE(result.stats.failed_attempts.size() == 1);
+    CHECK(contains(result.stats.failed_attempts[0], "is not a face of the tets"));
+    CHECK(result.tets.surface.facets == surface.facets);
+  }
+  std::filesystem::remove(file);
+  // What no way recovers is tried no more often than with another tolerance.
+  CHECK(contains(end_with(surface, wrong.reply), "none of 6 sets"));
+}
+
 TEST_CASE("find_tetgen_helper: a missing helper is named with the way out", "[tet][unit]") {
   find_helper();
   const char* old = std::getenv("CVMESH_TETGEN_HELPER");

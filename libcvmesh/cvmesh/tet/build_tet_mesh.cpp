@@ -87,6 +87,8 @@ class Builder {
 
   [[nodiscard]] double volume_error() const { return volume_error_; }
 
+  [[nodiscard]] bool leaves_facet_out() const { return leaves_facet_out_; }
+
  private:
   std::string check_points(const TetMesh& mesh) const {
     for (std::size_t v = 0; v < surface_.points.size(); ++v) {
@@ -124,7 +126,7 @@ class Builder {
   }
 
   /// Floods the parts between facets, and reads their material from the sides of those facets.
-  std::string assign_materials(TetMesh& mesh) const {
+  std::string assign_materials(TetMesh& mesh) {
     const std::vector<FaceRecord> faces = match_faces(mesh);
     DisjointSets parts(mesh.tets.size());
     constexpr std::int32_t kUnknown = -1;
@@ -145,7 +147,10 @@ class Builder {
       if (tets > 2) return "a face belongs to more than two tets";
       if (has_facet) {
         const std::int32_t facet = -1 - faces[i].owner;
-        if (tets == 0) return names_.facet(surface_, facet) + " is not a face of the tets";
+        if (tets == 0) {
+          leaves_facet_out_ = true;
+          return names_.facet(surface_, facet) + " is not a face of the tets";
+        }
         for (std::size_t k = i + 1; k < end; ++k)
           sides.push_back({faces[k].owner / 4, facet, side_of(mesh, faces[k].owner, facet)});
       } else if (tets == 2) {
@@ -253,6 +258,7 @@ class Builder {
   const MeshNames& names_;
   std::vector<double> volumes_;
   double volume_error_ = 0;
+  bool leaves_facet_out_ = false;
 };
 
 }  // namespace
@@ -266,6 +272,7 @@ BuildTetMeshResult build_tet_mesh(tetgen_protocol::Reply reply,
   BuildTetMeshResult result;
   result.fault = builder.build(std::move(reply), result.mesh, context);
   result.volume_error = builder.volume_error();
+  result.leaves_facet_out = builder.leaves_facet_out();
   return result;
 }
 

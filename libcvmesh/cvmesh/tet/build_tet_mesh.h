@@ -14,8 +14,9 @@ namespace cvmesh {
 
 struct BuildTetMeshResult {
   TetMesh mesh;
-  double volume_error = 0;  ///< largest |tets - surface integral| / integral of a material
-  std::string fault;        ///< what is wrong with the reply; empty: nothing, `mesh` is good
+  double volume_error = 0;        ///< largest |tets - surface integral| / integral of a material
+  std::string fault;              ///< what is wrong with the reply; empty: nothing, `mesh` is good
+  bool leaves_facet_out = false;  ///< what is wrong: a facet of the surface is no face of a tet
 };
 
 /// The checked mesh of what TetGen returned for `surface`: the surface's points bit-identical and

@@ -11,6 +11,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <utility>
@@ -119,83 +120,126 @@ long steiner_cap(const InterfaceMesh& surface, const tetgen_protocol::SizeGrid& 
   return static_cast<long>(std::min(cap, 1e9));
 }
 
+/// How TetGen places a point where an edge of the surface is no edge of its Delaunay tets, to be
+/// moved off the surface afterwards: what follows -Y. Which way fails is chance, and where one
+/// leaves a facet out another one mostly does not.
+constexpr std::array<const char*, 3> kRecoveries{"", "/2", "/0"};
+
+/// What is asked of the tets, from all that the options name to the bare filling of the surface.
 struct Rung {
-  std::string switches;
+  std::string quality;  ///< switches
   bool follows_size = false;
+  std::string tolerance{};  ///< a switch
 };
 
-/// From what the options ask for to the bare filling of the surface: p piecewise linear complex,
-/// Y no points on it, A numbers the connected parts, J keeps indices, Q quiet, S cap on points,
-/// T tolerance (the default 1e-8 of the box merges points that are distinct doubles).
-std::vector<Rung> ladder(const TetrahedralizeOptions& options, long cap, bool has_size) {
-  const std::string s = "S" + std::to_string(cap);
+std::vector<Rung> ladder(const TetrahedralizeOptions& options, bool has_size) {
   const double q = options.radius_edge_ratio, angle = options.min_dihedral_deg;
   const auto quality = [&](double ratio, double degrees) {
-    return "pYAq" + format_number(ratio) + "/" + format_number(degrees) + "JQ" + s;
+    return "q" + format_number(ratio) + "/" + format_number(degrees);
   };
   std::vector<Rung> rungs{{quality(q, angle), has_size},
                           {quality(std::max(q, 1.8), std::min(angle, 5.0)), has_size}};
   if (has_size) rungs.push_back({quality(std::max(q, 2.0), 0), true});
-  rungs.push_back({quality(std::max(q, 2.0), 0), false});
-  rungs.push_back({"pYAJQ", false});
-  rungs.push_back({"pYAJQT1e-13", false});
+  rungs.push_back({quality(std::max(q, 2.0), 0)});
+  rungs.push_back({});
+  rungs.push_back({{}, false, "T1e-13"});
   return rungs;
 }
 
-/// Climbs down the ladder to the first result that passes every check.
-TetMesh fill(const InterfaceMesh& surface,
-             std::size_t material_count,
-             const SizingField& sizing_field,
-             const TetrahedralizeOptions& options,
-             TetrahedralizeStats& stats,
-             const StageContext& context) {
-  tetgen_protocol::Request request;
-  request.points = surface.points;
-  request.facets = surface.facets;
-  const tetgen_protocol::SizeGrid size =
-      sample_sizes(surface, sizing_field, options.interior_growth);
-  const long cap = steiner_cap(surface, size);
-  const TetgenLimits limits{options.time_limit_s, options.memory_limit_mb};
-  ErrorCode code = ErrorCode::StageFailed;
-  for (const Rung& rung : ladder(options, cap, !size.values.empty())) {
-    request.switches = rung.switches;
-    request.size = rung.follows_size ? size : tetgen_protocol::SizeGrid{};
-    const std::string name =
-        rung.switches + (rung.follows_size || size.values.empty() ? "" : " without sizes");
-    ++stats.attempts;
-    TetgenRun run = run_tetgen(request, limits, context);
-    context.log->debug("{}: {} took {:.2f} s and {:.0f} MB", kStage, name, run.seconds,
-                       run.peak_mb);
-    std::string fault = std::move(run.description);
-    code = run.outcome == TetgenOutcome::TimedOut || run.outcome == TetgenOutcome::OutOfMemory
-               ? ErrorCode::Limit
-               : ErrorCode::StageFailed;
-    BuildTetMeshResult built;
-    if (run.outcome == TetgenOutcome::Meshed) {
-      built = build_tet_mesh(std::move(run.reply), surface, material_count, options.names, context);
-      fault = std::move(built.fault);
-    }
-    if (fault.empty()) {
-      stats.switches = name;
-      stats.steiner_points = built.mesh.points.size() - surface.points.size();
-      stats.volume_error = built.volume_error;
-      if (stats.steiner_points >= static_cast<std::size_t>(cap))
-        context.log->warn(
-            "{}: TetGen reached its bound of {} added points, so part of the interior is coarser "
-            "than asked for; raise interior_growth or tet_radius_edge_ratio",
-            kStage, cap);
-      return std::move(built.mesh);
-    }
-    stats.failed_attempts.push_back(name + ": " + fault);
-    context.log->warn("{}: TetGen with {} failed: {}", kStage, name, fault);
-  }
-  std::string all;
-  for (const std::string& failed : stats.failed_attempts)
-    all += "\n" + failed;
-  throw Error(code, kStage,
-              "none of " + std::to_string(stats.attempts) +
-                  " sets of TetGen switches filled the surface:" + all);
+/// p piecewise linear complex, Y no points on it, A numbers the connected parts, J keeps indices, Q
+/// quiet, S cap on points, T tolerance (the default 1e-8 of the box merges points that are distinct
+/// doubles).
+std::string switches_of(const Rung& rung, const std::string& recovery, long cap) {
+  const std::string most = rung.quality.empty() ? "" : "S" + std::to_string(cap);
+  return "pY" + recovery + "A" + rung.quality + "JQ" + most + rung.tolerance;
 }
+
+/// Fills one surface: climbs down the ladder to the first result that passes every check.
+class Filler {
+ public:
+  Filler(const InterfaceMesh& surface,
+         std::size_t material_count,
+         const SizingField& sizing_field,
+         const TetrahedralizeOptions& options,
+         TetrahedralizeStats& stats,
+         const StageContext& context)
+      : surface_(surface),
+        material_count_(material_count),
+        options_(options),
+        size_(sample_sizes(surface, sizing_field, options.interior_growth)),
+        cap_(steiner_cap(surface, size_)),
+        stats_(stats),
+        context_(context) {
+    request_.points = surface.points;
+    request_.facets = surface.facets;
+  }
+
+  TetMesh fill() {
+    std::array<bool, kRecoveries.size()> leaves_out{};
+    for (const Rung& rung : ladder(options_, !size_.values.empty()))
+      for (std::size_t r = 0; r < kRecoveries.size(); ++r) {
+        // Edges are recovered before anything is asked of the tets, with the same result.
+        if (leaves_out[r] && rung.tolerance.empty()) continue;
+        BuildTetMeshResult built = attempt(rung, switches_of(rung, kRecoveries[r], cap_));
+        if (built.fault.empty()) return std::move(built.mesh);
+        leaves_out[r] = built.leaves_facet_out;
+        if (has_timed_out_) break;  // what is asked for is too much
+      }
+    std::string all;
+    for (const std::string& failed : stats_.failed_attempts)
+      all += "\n" + failed;
+    throw Error(code_, kStage,
+                "none of " + std::to_string(stats_.attempts) +
+                    " sets of TetGen switches filled the surface:" + all);
+  }
+
+ private:
+  BuildTetMeshResult attempt(const Rung& rung, const std::string& switches) {
+    request_.switches = switches;
+    request_.size = rung.follows_size ? size_ : tetgen_protocol::SizeGrid{};
+    const std::string name =
+        switches + (rung.follows_size || size_.values.empty() ? "" : " without sizes");
+    ++stats_.attempts;
+    TetgenRun run =
+        run_tetgen(request_, {options_.time_limit_s, options_.memory_limit_mb}, context_);
+    context_.log->debug("{}: {} took {:.2f} s and {:.0f} MB", kStage, name, run.seconds,
+                        run.peak_mb);
+    has_timed_out_ = run.outcome == TetgenOutcome::TimedOut;
+    code_ = has_timed_out_ || run.outcome == TetgenOutcome::OutOfMemory ? ErrorCode::Limit
+                                                                        : ErrorCode::StageFailed;
+    BuildTetMeshResult built;
+    if (run.outcome == TetgenOutcome::Meshed)
+      built =
+          build_tet_mesh(std::move(run.reply), surface_, material_count_, options_.names, context_);
+    else
+      built.fault = std::move(run.description);
+    if (!built.fault.empty()) {
+      stats_.failed_attempts.push_back(name + ": " + built.fault);
+      context_.log->warn("{}: TetGen with {} failed: {}", kStage, name, built.fault);
+      return built;
+    }
+    stats_.switches = name;
+    stats_.steiner_points = built.mesh.points.size() - surface_.points.size();
+    stats_.volume_error = built.volume_error;
+    if (stats_.steiner_points >= static_cast<std::size_t>(cap_))
+      context_.log->warn(
+          "{}: TetGen reached its bound of {} added points, so part of the interior is coarser "
+          "than asked for; raise interior_growth or tet_radius_edge_ratio",
+          kStage, cap_);
+    return built;
+  }
+
+  const InterfaceMesh& surface_;
+  std::size_t material_count_;
+  const TetrahedralizeOptions& options_;
+  tetgen_protocol::SizeGrid size_;
+  long cap_;
+  TetrahedralizeStats& stats_;
+  const StageContext& context_;
+  tetgen_protocol::Request request_;
+  bool has_timed_out_ = false;               // the last attempt
+  ErrorCode code_ = ErrorCode::StageFailed;  // of the last attempt
+};
 
 }  // namespace
 
@@ -209,7 +253,8 @@ TetrahedralizeResult tetrahedralize(const InterfaceMesh& surface,
   certify(surface, material_count, options.names);
   report_progress(context, kStage, 0.1);
   TetrahedralizeResult result;
-  result.tets = fill(surface, material_count, sizing_field, options, result.stats, context);
+  result.tets =
+      Filler(surface, material_count, sizing_field, options, result.stats, context).fill();
   report_progress(context, kStage, 0.7);
   if (options.improvement_passes > 0) {
     ImproveTetsOptions improvement;

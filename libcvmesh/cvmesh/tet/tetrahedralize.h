@@ -46,8 +46,10 @@ struct TetrahedralizeResult {
 /// edge flips that `max_surface_shift_mm` allows and the moves that `max_vertex_shift_mm` does.
 ///
 /// The surface is certified first (closed, oriented, free of intersections). TetGen [Si 2015] then
-/// fills it in a helper program, adding points in the interior only, by up to six sets of switches
-/// from strict to loose; the first result that passes every check of `build_tet_mesh` is taken.
+/// fills it in a helper program, adding points in the interior only, by sets of switches from
+/// strict to loose, each with three ways to recover the surface's edges; the first result that
+/// passes every check of `build_tet_mesh` is taken. After the time limit the next set follows; a
+/// way that left a facet out is tried no more but with another tolerance.
 /// Interior edges follow `interior_growth` times the sizing field (no bound where the field is
 /// empty). Last, `improve_tets`.
 ///
