@@ -10,7 +10,8 @@ target_compile_options(cvmesh_build_flags INTERFACE
 
 if(CVMESH_SANITIZE)
   target_compile_options(cvmesh_build_flags INTERFACE
-    -fsanitize=${CVMESH_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
+    -fsanitize=${CVMESH_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all
+    -Wno-maybe-uninitialized)  # GCC 12 warns of <regex> where a sanitizer is on
   target_link_options(cvmesh_build_flags INTERFACE -fsanitize=${CVMESH_SANITIZE})
 endif()
 if(CVMESH_ENABLE_ASSERTS)
