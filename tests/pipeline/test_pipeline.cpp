@@ -477,6 +477,26 @@ TEST_CASE("run_pipeline: target_tets is met within five percent", "[pipeline][un
                     Catch::Contains("target_tets (4000)") && Catch::Contains("surface"));
 }
 
+TEST_CASE("run_pipeline: target_tets below what small parts take ends after one round",
+          "[pipeline][unit]") {
+  // Specks of one voxel, whose topology takes more tets than are wanted at any size.
+  const test_data::TemporaryFolder folder;
+  const auto is_multiple_of_3 = [](double x) { return std::lround(x) % 3 == 0; };
+  write_volume_file(
+      folder / "a.nii", phantoms::sample(phantoms::centred_frame({11, 11, 11}), [&](const Vec3& p) {
+        return is_multiple_of_3(p.x) && is_multiple_of_3(p.y) && is_multiple_of_3(p.z) ? 1 : 0;
+      }));
+  RunRequest request = request_for(folder / "a.nii", folder / "out");
+  request.parameters.target_tets = 50;
+  const Report report = run_pipeline(request, silent_context()).report;
+  REQUIRE(report.stages.epsilon_search);
+  CHECK(report.stages.epsilon_search->rounds == 1);
+  CHECK(report.mesh->tets >= 27 * 4);
+  CHECK(std::any_of(report.warnings.begin(), report.warnings.end(), [](const std::string& w) {
+    return w.find("target_tets (50) was not reached") != std::string::npos;
+  }));
+}
+
 TEST_CASE("run_pipeline: max_distance holds everywhere, in voxels and in mm", "[pipeline][unit]") {
   const test_data::TemporaryFolder folder;
   write_volume_file(folder / "a.nii", phantoms::ball(14));
