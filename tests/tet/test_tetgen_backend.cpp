@@ -379,6 +379,21 @@ TEST_CASE("tetrahedralize: where one way to recover edges leaves a facet out, an
   CHECK(contains(end_with(surface, wrong.reply), "none of 6 sets"));
 }
 
+TEST_CASE("tetrahedralize: where memory does not suffice, no other way to recover edges is tried",
+          "[tet][unit]") {
+  const FakeHelper fake("kill -9 $$");
+  ErrorCode code{};
+  std::string message;
+  try {
+    tetrahedralize(sphere({0, 0, 0}, 1, 2, {1, 0}), 2, {}, {}, silent_context());
+  } catch (const Error& error) {
+    code = error.code();
+    message = error.what();
+  }
+  CHECK(code == ErrorCode::Limit);
+  CHECK(contains(message, "none of 5 sets"));
+}
+
 TEST_CASE("find_tetgen_helper: a missing helper is named with the way out", "[tet][unit]") {
   find_helper();
   const char* old = std::getenv("CVMESH_TETGEN_HELPER");

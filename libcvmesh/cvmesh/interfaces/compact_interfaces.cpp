@@ -232,8 +232,7 @@ class Compactor {
     return cluster_of_[v] >= 0 && is_due_[cluster_of_[v]] != 0;
   }
 
-  // --- as a cluster sees it: what has a higher colour is not merged yet
-  // ---------------------------
+  // --- as a cluster sees it: what has a higher colour is not merged yet --------------------------
 
   [[nodiscard]] std::int32_t seen(std::int32_t v, std::uint8_t colour) const {
     return colour_of_vertex_[v] > colour ? v : merged_into_[v];

@@ -121,8 +121,8 @@ long steiner_cap(const InterfaceMesh& surface, const tetgen_protocol::SizeGrid& 
 }
 
 /// How TetGen places a point where an edge of the surface is no edge of its Delaunay tets, to be
-/// moved off the surface afterwards: what follows -Y. Which way fails is chance, and where one
-/// leaves a facet out another one mostly does not.
+/// moved off the surface afterwards: what follows -Y (not in TetGen's manual; `addsteiner_algo` in
+/// its header). Which way fails is chance.
 constexpr std::array<const char*, 3> kRecoveries{"", "/2", "/0"};
 
 /// What is asked of the tets, from all that the options name to the bare filling of the surface.
@@ -183,7 +183,7 @@ class Filler {
         BuildTetMeshResult built = attempt(rung, switches_of(rung, kRecoveries[r], cap_));
         if (built.fault.empty()) return std::move(built.mesh);
         leaves_out[r] = built.leaves_facet_out;
-        if (has_timed_out_) break;  // what is asked for is too much
+        if (code_ == ErrorCode::Limit) break;  // what is asked for takes too much
       }
     std::string all;
     for (const std::string& failed : stats_.failed_attempts)
@@ -204,9 +204,9 @@ class Filler {
         run_tetgen(request_, {options_.time_limit_s, options_.memory_limit_mb}, context_);
     context_.log->debug("{}: {} took {:.2f} s and {:.0f} MB", kStage, name, run.seconds,
                         run.peak_mb);
-    has_timed_out_ = run.outcome == TetgenOutcome::TimedOut;
-    code_ = has_timed_out_ || run.outcome == TetgenOutcome::OutOfMemory ? ErrorCode::Limit
-                                                                        : ErrorCode::StageFailed;
+    code_ = run.outcome == TetgenOutcome::TimedOut || run.outcome == TetgenOutcome::OutOfMemory
+                ? ErrorCode::Limit
+                : ErrorCode::StageFailed;
     BuildTetMeshResult built;
     if (run.outcome == TetgenOutcome::Meshed)
       built =
@@ -237,7 +237,6 @@ class Filler {
   TetrahedralizeStats& stats_;
   const StageContext& context_;
   tetgen_protocol::Request request_;
-  bool has_timed_out_ = false;               // the last attempt
   ErrorCode code_ = ErrorCode::StageFailed;  // of the last attempt
 };
 

@@ -48,10 +48,10 @@ struct TetrahedralizeResult {
 /// The surface is certified first (closed, oriented, free of intersections). TetGen [Si 2015] then
 /// fills it in a helper program, adding points in the interior only, by sets of switches from
 /// strict to loose, each with three ways to recover the surface's edges; the first result that
-/// passes every check of `build_tet_mesh` is taken. After the time limit the next set follows; a
-/// way that left a facet out is tried no more but with another tolerance.
-/// Interior edges follow `interior_growth` times the sizing field (no bound where the field is
-/// empty). Last, `improve_tets`.
+/// passes every check of `build_tet_mesh` is taken. After a limit of time or memory the next set
+/// follows; a way that left a facet out is tried no more but with another tolerance. Interior edges
+/// follow `interior_growth` times the sizing field (no bound where the field is empty). Last,
+/// `improve_tets`.
 ///
 /// @throws Error BadParameter for options out of range; StageFailed when the surface is not valid,
 ///         or no set of switches gives a valid result; Limit for the last attempt's time or memory
