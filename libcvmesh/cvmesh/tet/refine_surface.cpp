@@ -65,8 +65,9 @@ struct Refined {
   TetMesh mesh;
   std::vector<Vec3> home;  ///< where the part's surface's vertices were at first
   ImproveTetsStats stats;
-  std::vector<std::int32_t> poor{};  ///< tets
-  double lack = 0;                   ///< of them
+  std::vector<std::int32_t> poor{};     ///< tets
+  double lack = 0;                      ///< of them
+  std::vector<std::int32_t> touched{};  ///< vertices at the edges that were split last
 
   /// Less is lacking, and no tet is much worse than the worst was.
   [[nodiscard]] bool is_better_than(const Refined& before) const {
@@ -77,18 +78,18 @@ struct Refined {
 };
 
 /// Splits edges of the surface at some tets, and improves what is around them; nothing where no
-/// edge can be split.
+/// edge can be split, or none but those that were split `before`.
 std::optional<Refined> split_and_improve(Refined refined,
                                          const std::vector<std::int32_t>& wanted,
+                                         const Refined* before,
                                          const std::vector<bool>& is_frozen,
                                          std::size_t most,
                                          const ImproveTetsOptions& options,
                                          const StageContext& context) {
   constexpr int kPasses = 3;
-  auto& [mesh, home, stats, poor, lack] = refined;
-  const std::vector<std::int32_t> touched =
-      split_surface_edges(mesh, wanted, is_frozen, options.min_split_edge_mm, most);
-  if (touched.empty()) return std::nullopt;
+  auto& [mesh, home, stats, poor, lack, touched] = refined;
+  touched = split_surface_edges(mesh, wanted, is_frozen, options.min_split_edge_mm, most);
+  if (touched.empty() || (before != nullptr && touched == before->touched)) return std::nullopt;
   const std::size_t splits = mesh.surface.points.size() - home.size();
   stats.edge_splits += splits;
   home.insert(home.end(), mesh.surface.points.begin() + static_cast<std::ptrdiff_t>(home.size()),
@@ -150,8 +151,8 @@ bool refine_in_rounds(Refined& refined,
                       const ImproveTetsOptions& options,
                       const StageContext& context) {
   const std::size_t splits_before = refined.stats.edge_splits;
-  const auto attempt = [&](const std::vector<std::int32_t>& wanted) {
-    auto tried = split_and_improve(refined, wanted, is_frozen,
+  const auto attempt = [&](const std::vector<std::int32_t>& wanted, const Refined* before) {
+    auto tried = split_and_improve(refined, wanted, before, is_frozen,
                                    most_splits - refined.stats.edge_splits, options, context);
     if (tried)
       context.log->debug(
@@ -167,11 +168,11 @@ bool refine_in_rounds(Refined& refined,
   int rounds = 0, in_vain = 0;
   while (rounds++ < kMostRounds && in_vain <= kMostInVain &&
          refined.stats.edge_splits < most_splits) {
-    auto tried = attempt(refined.poor);
+    auto tried = attempt(refined.poor, nullptr);
     if (!tried) break;
     const Refined& to_beat = best ? *best : refined;
     if (!tried->is_better_than(to_beat))
-      if (auto narrow = attempt(where_it_helped(refined, *tried));
+      if (auto narrow = attempt(where_it_helped(refined, *tried), &*tried);
           narrow && (narrow->is_better_than(to_beat) || narrow->lack < tried->lack))
         tried = std::move(narrow);
     if (tried->is_better_than(to_beat)) {
@@ -193,7 +194,7 @@ bool open_barred_gaps(Refined& refined,
                       const std::vector<bool>& is_frozen,
                       const ImproveTetsOptions& options,
                       const StageContext& context) {
-  auto& [mesh, home, stats, poor, lack] = refined;
+  auto& [mesh, home, stats, poor, lack, touched] = refined;
   const double lack_before = lack;
   const std::size_t count_before = poor.size();
   TetImprover improver(mesh, options, context);
