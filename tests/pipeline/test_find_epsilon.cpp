@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
 #include "cvmesh/pipeline/find_epsilon.h"
+#include "cvmesh/pipeline/population_law.h"
 
 #include "support/catch.h"
 #include <cmath>
@@ -62,4 +63,45 @@ TEST_CASE("find_epsilon: what cannot be reached ends with the nearest count", "[
   CHECK_FALSE(found.is_reached);
   CHECK(found.rounds == 8);
   CHECK(found.count < 402);
+}
+
+TEST_CASE("PopulationLaw: two rounds where the rest is nearly the same at all sizes",
+          "[pipeline][unit]") {
+  // a pelvis at 60,000: particles that the sizes do not know of, and of these more where h is large
+  const auto particles = [](double expected) {
+    return expected + 9200 + 0.03 * (60000 - expected);
+  };
+  PopulationLaw law(60000, 0.02);
+  CHECK(law.to_expect() == 60000);
+  REQUIRE(law.learn(60144, particles(60144)));
+  CHECK(particles(law.to_expect()) == Approx(60000).epsilon(0.01));
+}
+
+TEST_CASE("PopulationLaw: steep and flat laws are solved in few rounds", "[pipeline][unit]") {
+  for (const double slope : {0.3, 0.7, 1.0, 1.2})
+    for (const double wanted : {700.0, 1000.0, 3000.0}) {
+      CAPTURE(slope, wanted);
+      const auto particles = [&](double expected) { return 500 + slope * expected; };
+      PopulationLaw law(wanted, 0.02);
+      double count = 0;
+      int rounds = 0;
+      do {
+        const double expected = law.to_expect();
+        count = particles(expected);
+        ++rounds;
+        REQUIRE(law.learn(expected, count));
+      } while (std::abs(count - wanted) > 0.02 * wanted);
+      CHECK(rounds <= 3);
+    }
+}
+
+TEST_CASE("PopulationLaw: ends where no sizes help", "[pipeline][unit]") {
+  PopulationLaw small_parts(1000, 0.02);
+  CHECK_FALSE(small_parts.learn(900, 2000));  // the small parts alone are too many
+  PopulationLaw bounds(1000, 0.02);
+  CHECK(bounds.learn(1500, 1500));
+  CHECK_FALSE(bounds.learn(1499, 1499));  // asked for 1000: edges may not be longer
+  PopulationLaw tiny(1000, 0.02);
+  CHECK(tiny.learn(60, 1070));
+  CHECK(tiny.to_expect() == 50);  // never nothing
 }

@@ -2,6 +2,7 @@
 #include "cvmesh/pipeline/surface_sampler.h"
 
 #include "cvmesh/pipeline/label_options.h"
+#include "cvmesh/pipeline/population_law.h"
 #include "cvmesh/pipeline/stage_names.h"
 #include "cvmesh/sizing/size_by_deviation.h"
 
@@ -10,6 +11,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace cvmesh {
 namespace {
@@ -74,47 +76,39 @@ Sampling SurfaceSampler::sample(const SizingOptions& options, std::span<const do
 
 Sampling SurfaceSampler::sample_to_target(const SizingOptions& options, std::size_t target) {
   const double wanted = static_cast<double>(target);
-  const CountSearchResult first = run_.stage.run(
-      stage_names::kSizingField, [&] { return search_expected(options, wanted); },
-      [&](const CountSearchResult& r) {
-        return fmt::format("{:.0f} of {} vertices expected, sizes times {:.4g}", r.count, target,
-                           r.epsilon);
-      });
-
   Sampling best;
   StageResults best_stages;
-  double best_error = -1;
-  double guards = 0;  // of the last round
-  const auto actual = [&](double factor) {
-    Sampling sampling = sample(scaled(options, factor));
+  EpsilonSearch search{.target = "target_vertices", .wanted = wanted};
+  double best_error = std::numeric_limits<double>::infinity();
+  PopulationLaw law(wanted, kTargetTolerance);
+  while (true) {
+    const CountSearchResult sizes = run_.stage.run(
+        stage_names::kSizingField, [&] { return search_expected(options, law.to_expect()); },
+        [&](const CountSearchResult& r) {
+          return fmt::format("{:.0f} vertices expected of {:.0f}, sizes times {:.4g}", r.count,
+                             wanted, r.epsilon);
+        });
+    Sampling sampling = sample(scaled(options, sizes.epsilon));
+    ++search.rounds;
     const double count = static_cast<double>(sampling.particles.particles.size());
-    const double error = std::abs(count - wanted);
-    guards = count - run_.report.stages.sizing_field->expected_vertices;
-    if (best_error < 0 || error < best_error) {
+    const double error = std::abs(count - wanted) / wanted;
+    const bool helps = law.learn(run_.report.stages.sizing_field->expected_vertices, count);
+    if (error < best_error) {
       best_error = error;
+      search.reached = count;
+      search.epsilon = epsilon_of(options, sizes.epsilon, sampling.sizing_field);
       best = std::move(sampling);
       best_stages = run_.report.stages;
     }
-    return count;
-  };
-  // A coarser field has fewer vertices, but curves, loops and small parts keep theirs: the coarser
-  // it is, the more of them it does not know of.
-  const auto is_out_of_reach = [&] { return guards > (1 + kTargetTolerance) * wanted; };
-  const CountSearchResult found = find_epsilon(actual, {.target = wanted,
-                                                        .start = first.epsilon,
-                                                        .tolerance = kTargetTolerance,
-                                                        .max_rounds = kActualRounds,
-                                                        .is_out_of_reach = is_out_of_reach});
+    if (error <= kTargetTolerance || !helps || search.rounds == kActualRounds) break;
+  }
   run_.report.stages = std::move(best_stages);
-  run_.report.stages.epsilon_search =
-      EpsilonSearch{"target_vertices", wanted, found.count,
-                    epsilon_of(options, found.epsilon, best.sizing_field), found.rounds};
-  if (!found.is_reached)
+  run_.report.stages.epsilon_search = search;
+  if (best_error > kTargetTolerance)
     run_.context.log->warn(
         "target_vertices ({}) was not reached within {:g} %: {:.0f} surface vertices at epsilon "
         "{:.4g}; curves, corners and small parts need theirs, and edge bounds may forbid more",
-        target, 100 * kTargetTolerance, found.count,
-        epsilon_of(options, found.epsilon, best.sizing_field));
+        target, 100 * kTargetTolerance, search.reached, search.epsilon);
   return best;
 }
 
