@@ -30,9 +30,10 @@ class SurfaceSampler {
   /// @param cap_mm  as of `SizingProblem::field`
   Sampling sample(const SizingOptions& options, std::span<const double> cap_mm = {});
 
-  /// The sampling whose particles come nearest to `target`, in rounds: a search that computes sizing
-  /// fields only, then the particles, which tell what to expect in the next (`PopulationLaw`). One
-  /// round, where what topology asks for beyond the field exceeds the target alone.
+  /// The sampling whose particles come nearest to `target`, in rounds: a search that computes
+  /// sizing fields only, then the particles, which tell what to expect in the next
+  /// (`PopulationLaw`). One round, where what topology asks for beyond the field exceeds the target
+  /// alone.
   Sampling sample_to_target(const SizingOptions& options, std::size_t target);
 
   /// The epsilon that a field found with `factor` amounts to.
