@@ -242,10 +242,29 @@ TEST_CASE("validate: a sound tet mesh has no faults", "[mesh][unit]") {
 TEST_CASE("validate: an inverted and a flat tet are found", "[mesh][unit]") {
   TetMesh mesh = simple_meshes::two_material_cube();
   std::swap(mesh.tets[3][0], mesh.tets[3][1]);
-  CHECK(reports(validate(mesh, 3), "tet 3 is inverted"));
+  CHECK(reports(validate(mesh, 3), ") mm, is inverted"));
   mesh = simple_meshes::two_material_cube();
   mesh.tets[2] = {0, 1, 3, 2};
-  CHECK(reports(validate(mesh, 3), "tet 2 is flat"));
+  CHECK(reports(validate(mesh, 3), "tet 2 of material "));
+  CHECK(reports(validate(mesh, 3), ") mm, is flat"));
+}
+
+TEST_CASE("validate: faults name materials and places as they are called", "[mesh][unit]") {
+  const MeshNames names{[](MaterialId m) { return m == 1 ? "the bone" : "another"; },
+                        [](const Vec3& p) { return p.x <= 1 ? "the left" : "the right"; }};
+  TetMesh mesh = simple_meshes::two_material_cube();
+  std::swap(mesh.tets[3][0], mesh.tets[3][1]);
+  const Validation solid = validate(mesh, 3, names);
+  CHECK(reports(solid, "near the left, is inverted"));
+  CHECK(reports(solid, ": its tets fill "));
+  CHECK_FALSE(reports(solid, "material "));
+  InterfaceMesh open = mesh.surface;
+  open.facets.pop_back();
+  open.patch_of.pop_back();
+  const Validation surface = validate(open, 3, names);
+  CHECK(reports(surface, "is in 1 facets instead of 2"));
+  CHECK(reports(surface, ", near the left: edge ("));
+  CHECK_FALSE(reports(surface, "material "));
 }
 
 TEST_CASE("validate: missing facets, missing tets and wrong materials are found", "[mesh][unit]") {

@@ -365,28 +365,38 @@ void check_facets(const InterfaceMesh& mesh, Validation& result) {
   }
 }
 
-void check_boundaries(const InterfaceMesh& mesh, std::size_t material_count, Validation& result) {
+void check_boundaries(const InterfaceMesh& mesh,
+                      std::size_t material_count,
+                      const MeshNames& names,
+                      Validation& result) {
   Faults open(result, "edges of a material that are not in two facets");
   Faults turned(result, "edges between facets that face opposite ways");
   Faults pinched(result, "vertices where a material's boundary touches itself");
   const std::vector<BoundaryReport> reports = inspect_boundaries(mesh, material_count);
   for (std::size_t m = 0; m < material_count; ++m) {
     const BoundaryReport& report = reports[m];
-    const std::string material = "material " + text(std::int64_t(m)) + ": ";
+    const auto at = [&](const std::string& fault, const Vec3& place) {
+      return names.material(static_cast<MaterialId>(m)) + ", near " + names.place(place) + ": " +
+             fault;
+    };
+    const auto at_edge = [&](const EdgeFault& e, const std::string& fault) {
+      return at(fault, 0.5 * (mesh.points[e.a] + mesh.points[e.b]));
+    };
     for (const EdgeFault& e : report.bad_edges) {
       open.add([&] {
-        return material + "edge (" + text(e.a) + ", " + text(e.b) + ") is in " +
-               text(std::int64_t(e.facets)) + " facets instead of 2";
+        return at_edge(e, "edge (" + text(e.a) + ", " + text(e.b) + ") is in " +
+                              text(std::int64_t(e.facets)) + " facets instead of 2");
       });
     }
     for (const EdgeFault& e : report.turned_edges) {
       turned.add([&] {
-        return material + "the two facets at edge (" + text(e.a) + ", " + text(e.b) +
-               ") face opposite ways";
+        return at_edge(
+            e, "the two facets at edge (" + text(e.a) + ", " + text(e.b) + ") face opposite ways");
       });
     }
     for (const std::int32_t v : report.pinched_vertices) {
-      pinched.add([&] { return material + "its boundary touches itself at vertex " + text(v); });
+      pinched.add(
+          [&] { return at("its boundary touches itself at vertex " + text(v), mesh.points[v]); });
     }
   }
 }
@@ -529,7 +539,7 @@ bool check_tet_indices(const TetMesh& mesh, std::size_t material_count, Validati
   return is_usable;
 }
 
-void check_orientation(const TetMesh& mesh, Validation& result) {
+void check_orientation(const TetMesh& mesh, const MeshNames& names, Validation& result) {
   std::vector<std::int8_t> sign(mesh.tets.size());
   parallel_for_each_index(0, sign.size(), [&](std::size_t t) {
     const auto& [a, b, c, d] = mesh.tets[t];
@@ -540,12 +550,17 @@ void check_orientation(const TetMesh& mesh, Validation& result) {
   for (std::size_t t = 0; t < sign.size(); ++t) {
     if (sign[t] > 0) continue;
     inverted.add([&] {
-      return "tet " + text(std::int64_t(t)) + (sign[t] == 0 ? " is flat" : " is inverted");
+      return "tet " + text(std::int64_t(t)) + " of " + names.material(mesh.material_of[t]) +
+             ", near " + names.place(mesh.points[mesh.tets[t][0]]) +
+             (sign[t] == 0 ? ", is flat" : ", is inverted");
     });
   }
 }
 
-void check_volumes(const TetMesh& mesh, std::size_t material_count, Validation& result) {
+void check_volumes(const TetMesh& mesh,
+                   std::size_t material_count,
+                   const MeshNames& names,
+                   Validation& result) {
   std::vector<double> of_tets(material_count, 0), of_surface(material_count, 0);
   // Measured from the middle of the box: far from the origin the integral would cancel digits.
   Box3 box;
@@ -571,8 +586,9 @@ void check_volumes(const TetMesh& mesh, std::size_t material_count, Validation& 
       continue;
     }
     unequal.add([&] {
-      return "material " + text(std::int64_t(m)) + ": its tets fill " + std::to_string(of_tets[m]) +
-             " mm^3, its surface encloses " + std::to_string(of_surface[m]) + " mm^3";
+      return names.material(static_cast<MaterialId>(m)) + ": its tets fill " +
+             std::to_string(of_tets[m]) + " mm^3, its surface encloses " +
+             std::to_string(of_surface[m]) + " mm^3";
     });
   }
 }
@@ -613,11 +629,11 @@ std::vector<BoundaryTopology> boundary_topology(const InterfaceMesh& mesh,
   return result;
 }
 
-Validation validate(const InterfaceMesh& mesh, std::size_t material_count) {
+Validation validate(const InterfaceMesh& mesh, std::size_t material_count, const MeshNames& names) {
   Validation result;
   if (!check_indices(mesh, material_count, result)) return result;
   if (check_points(mesh.points, result)) check_facets(mesh, result);
-  check_boundaries(mesh, material_count, result);
+  check_boundaries(mesh, material_count, names, result);
   return result;
 }
 
@@ -659,14 +675,14 @@ std::vector<std::pair<std::int32_t, std::int32_t>> find_intersections(const Inte
   return result;
 }
 
-Validation validate(const TetMesh& mesh, std::size_t material_count) {
+Validation validate(const TetMesh& mesh, std::size_t material_count, const MeshNames& names) {
   Validation result;
   const bool has_good_tets = check_tet_indices(mesh, material_count, result);
   const bool has_good_facets = check_indices(mesh.surface, material_count, result);
   if (!check_shared_points(mesh, result) || !has_good_tets || !has_good_facets) return result;
-  check_orientation(mesh, result);
+  check_orientation(mesh, names, result);
   FaceCheck(mesh, result).run(collect_faces(mesh));
-  check_volumes(mesh, material_count, result);
+  check_volumes(mesh, material_count, names, result);
   return result;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "cvmesh/mesh/interface_mesh.h"
+#include "cvmesh/mesh/mesh_names.h"
 #include "cvmesh/mesh/tet_mesh.h"
 
 #include <cstddef>
@@ -11,7 +12,7 @@
 namespace cvmesh {
 
 /// Outcome of a check: empty means valid, otherwise one sentence per fault found (the first ten
-/// of each kind), naming facet, vertex or material.
+/// of each kind), naming facet, vertex or material, and where it is.
 struct Validation {
   std::vector<std::string> faults;
 
@@ -35,7 +36,9 @@ std::vector<BoundaryTopology> boundary_topology(const InterfaceMesh& mesh,
 
 /// Every material's boundary closed, oriented, edge- and vertex-manifold; no repeated facet, no
 /// repeated or non-finite point, no facet of zero area, `inside > outside`.
-Validation validate(const InterfaceMesh& mesh, std::size_t material_count);
+Validation validate(const InterfaceMesh& mesh,
+                    std::size_t material_count,
+                    const MeshNames& names = {});
 
 /// Pairs of facets that intersect other than in shared vertices or edges, with exact predicates;
 /// at most `max_pairs` are collected. O(n log n) expected.
@@ -45,6 +48,6 @@ std::vector<std::pair<std::int32_t, std::int32_t>> find_intersections(const Inte
 /// Tets positive, faces in at most two tets, every surface facet a tet face with its materials on
 /// the right sides, no other face between different materials or on the outside, volumes of the
 /// materials equal to their surface integrals (relative 1e-9).
-Validation validate(const TetMesh& mesh, std::size_t material_count);
+Validation validate(const TetMesh& mesh, std::size_t material_count, const MeshNames& names = {});
 
 }  // namespace cvmesh

@@ -94,14 +94,14 @@ std::vector<MaterialTopology> measure_topology(const LabelVolume& labels,
 Checks check_mesh(const LabelVolume& labels,
                   const std::vector<MaterialTopology>& topology,
                   const InterfaceMesh& surface,
-                  const TetMesh* tets) {
+                  const TetMesh* tets,
+                  const MeshNames& names) {
   Checks checks;
   for (std::size_t m = 1; m < labels.material_count(); ++m)
-    check_material(fmt::format("label {} ({})", labels.label_of[m], labels.name_of[m]),
-                   topology[m]);
+    check_material(names.material(static_cast<MaterialId>(m)), topology[m]);
   checks.labels_are_complete = checks.topology_as_lattice14 = true;
 
-  const Validation surface_state = validate(surface, labels.material_count());
+  const Validation surface_state = validate(surface, labels.material_count(), names);
   if (!surface_state.is_valid()) fail("the surface is not valid: " + surface_state.summary());
   checks.surface_is_valid = true;
   checks.surface_intersections = find_intersections(surface).size();
@@ -109,7 +109,7 @@ Checks check_mesh(const LabelVolume& labels,
     fail(fmt::format("{} pairs of surface facets intersect; lower epsilon",
                      checks.surface_intersections));
   if (tets != nullptr) {
-    const Validation tet_state = validate(*tets, labels.material_count());
+    const Validation tet_state = validate(*tets, labels.material_count(), names);
     if (!tet_state.is_valid()) fail("the tets are not valid: " + tet_state.summary());
     checks.tets_are_valid = true;
   }
@@ -119,7 +119,8 @@ Checks check_mesh(const LabelVolume& labels,
 Checks inspect_mesh(const LabelVolume& labels,
                     const std::vector<MaterialTopology>& topology,
                     const InterfaceMesh& surface,
-                    const TetMesh* tets) {
+                    const TetMesh* tets,
+                    const MeshNames& names) {
   Checks checks;
   checks.labels_are_complete = checks.topology_as_lattice14 = true;
   for (std::size_t m = 1; m < labels.material_count(); ++m) {
@@ -127,9 +128,10 @@ Checks inspect_mesh(const LabelVolume& labels,
     if (t.mesh_components != t.voxels.components) checks.labels_are_complete = false;
     if (!topology_fault(t).empty()) checks.topology_as_lattice14 = false;
   }
-  checks.surface_is_valid = validate(surface, labels.material_count()).is_valid();
+  checks.surface_is_valid = validate(surface, labels.material_count(), names).is_valid();
   checks.surface_intersections = find_intersections(surface, kMostIntersections).size();
-  if (tets != nullptr) checks.tets_are_valid = validate(*tets, labels.material_count()).is_valid();
+  if (tets != nullptr)
+    checks.tets_are_valid = validate(*tets, labels.material_count(), names).is_valid();
   return checks;
 }
 

@@ -4,6 +4,7 @@
 #include "cvmesh/grid/grid_frame.h"
 #include "cvmesh/labels/label_volume.h"
 #include "cvmesh/mesh/interface_mesh.h"
+#include "cvmesh/mesh/mesh_names.h"
 #include "cvmesh/mesh/tet_mesh.h"
 #include "cvmesh/report/report.h"
 
@@ -25,14 +26,16 @@ std::vector<MaterialTopology> measure_topology(const LabelVolume& labels,
 Checks check_mesh(const LabelVolume& labels,
                   const std::vector<MaterialTopology>& topology,
                   const InterfaceMesh& surface,
-                  const TetMesh* tets);
+                  const TetMesh* tets,
+                  const MeshNames& names);
 
 /// The same checks, told and not demanded: for the mesh of a baseline. Of pairs of facets that
 /// intersect at most `kMostIntersections` are counted.
 Checks inspect_mesh(const LabelVolume& labels,
                     const std::vector<MaterialTopology>& topology,
                     const InterfaceMesh& surface,
-                    const TetMesh* tets);
+                    const TetMesh* tets,
+                    const MeshNames& names);
 
 /// Tets may be so flat that the rounding of a file's coordinates turns them over.
 /// @param to_file  from grid mm to the coordinates of the file, of the given space

@@ -11,6 +11,7 @@
 #include "cvmesh/metrics/label_tets.h"
 #include "cvmesh/pipeline/check_mesh.h"
 #include "cvmesh/pipeline/library_versions.h"
+#include "cvmesh/pipeline/run.h"
 #include "cvmesh/pipeline/stage_names.h"
 #include "cvmesh/pipeline/stage_runner.h"
 #include "cvmesh/pipeline/summarize_input.h"
@@ -100,11 +101,13 @@ std::vector<MaterialTopology> topology_of(const LabelVolume& labels, const Label
   return topology;
 }
 
-Checks check(const LabelledTets& tets, const std::vector<MaterialTopology>& topology) {
+Checks check(const LabelledTets& tets,
+             const std::vector<MaterialTopology>& topology,
+             const MeshNames& names) {
   constexpr std::size_t kMostPairs = 1000000;
   Checks checks;
-  const Validation surface = validate(tets.mesh.surface, topology.size());
-  const Validation solid = validate(tets.mesh, topology.size());
+  const Validation surface = validate(tets.mesh.surface, topology.size(), names);
+  const Validation solid = validate(tets.mesh, topology.size(), names);
   checks.surface_is_valid = surface.is_valid();
   checks.tets_are_valid = solid.is_valid() && tets.faults == TetFaults{};
   checks.surface_intersections = find_intersections(tets.mesh.surface, kMostPairs).size();
@@ -177,7 +180,8 @@ Report judge_mesh(const JudgeRequest& request, const StageContext& context) {
                                    .faults = tets.faults};
         report.topology = topology_of(labels, tets);
         report.mesh = count_mesh(tets.mesh, labels.material_count());
-        report.checks = check(tets, report.topology);
+        report.checks =
+            check(tets, report.topology, names_in_messages(report, report.mm_to_out, space));
         report_progress(context, stage_names::kMetrics, 0.3);
         report.quality = measure_quality(tets.mesh, labels.material_count());
         report.volumes = measure_volume_error(tets.mesh, labels);

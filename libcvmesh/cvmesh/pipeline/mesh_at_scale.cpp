@@ -117,6 +117,7 @@ Sparse sparsen(Run& run,
   FlipEdgesOptions flip_options = parameters.flip_edges;
   decimate_options.deviation_vox = flip_options.deviation_vox =
       tolerance_vox(parameters, particles, voxel_mm);
+  decimate_options.names = names_in_messages(run);
   InsertParticlesResult inserted = run.stage.run(
       stage_names::kInsertion,
       [&] {

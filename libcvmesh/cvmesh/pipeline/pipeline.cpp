@@ -248,7 +248,7 @@ void measure(Run& run, const LabelVolume& labels, const InterfaceMesh& dense, co
         report_progress(run.context, stage_names::kMetrics, 0.1);
         const auto check = is_baseline(run) ? &inspect_mesh : &check_mesh;
         report.checks = check(labels, report.topology, tets.surface,
-                              run.request.surface_only ? nullptr : &tets);
+                              run.request.surface_only ? nullptr : &tets, names_in_messages(run));
         report_progress(run.context, stage_names::kMetrics, 0.3);
         report.quality = run.request.surface_only ? measure_quality(tets.surface, material_count)
                                                   : measure_quality(tets, material_count);

@@ -5,17 +5,21 @@
 
 namespace cvmesh {
 
-MeshNames names_in_messages(const Run& run) {
-  return {[&run](MaterialId m) {
-            return m == kExterior ? "the exterior"
-                                  : fmt::format("label {} ({})", run.report.label_of[m],
-                                                run.report.name_of[m]);
+MeshNames names_in_messages(const Report& report, const Affine& mm_to_space, Space space) {
+  return {[&report](MaterialId m) {
+            return m == kExterior
+                       ? "the exterior"
+                       : fmt::format("label {} ({})", report.label_of[m], report.name_of[m]);
           },
-          [&run](const Vec3& p) {
-            const Vec3 out = run.mm_to_out(p);
-            return fmt::format("({:.5g}, {:.5g}, {:.5g}) mm in {} space", out.x, out.y, out.z,
-                               space_name(run.space));
+          [mm_to_space, space](const Vec3& p) {
+            const Vec3 there = mm_to_space(p);
+            return fmt::format("({:.5g}, {:.5g}, {:.5g}) mm in {} space", there.x, there.y, there.z,
+                               space_name(space));
           }};
+}
+
+MeshNames names_in_messages(const Run& run) {
+  return names_in_messages(run.report, run.mm_to_out, run.space);
 }
 
 }  // namespace cvmesh

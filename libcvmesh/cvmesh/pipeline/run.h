@@ -27,8 +27,11 @@ inline bool is_baseline(const Run& run) {
   return run.request.parameters.surface == SurfaceMethod::Delaunay;
 }
 
-/// What messages call materials and places: by label, and in the space of the output. For as long
-/// as the run lives.
+/// What messages call materials and places: by label, and in a space.
+/// @param report  is referred to; its labels are known
+MeshNames names_in_messages(const Report& report, const Affine& mm_to_space, Space space);
+
+/// The same in the space of the output.
 MeshNames names_in_messages(const Run& run);
 
 }  // namespace cvmesh

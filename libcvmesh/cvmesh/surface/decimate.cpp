@@ -119,14 +119,12 @@ DecimateResult decimate(MaterialSurfaces surfaces,
   for (const auto v : queue)
     result.stats.kept.push_back(
         {v, surfaces.points()[v], kRefusalNames[static_cast<std::size_t>(reason[v])]});
-  if (options.on_degenerate == OnDegenerate::Fail && !queue.empty()) {
-    const Vec3& p = surfaces.points()[queue.front()];
+  if (options.on_degenerate == OnDegenerate::Fail && !queue.empty())
     throw Error(ErrorCode::StageFailed, "decimation",
                 "degenerate vertex distribution: " + std::to_string(queue.size()) +
-                    " vertices cannot be removed, the first at (" + std::to_string(p.x) + ", " +
-                    std::to_string(p.y) + ", " + std::to_string(p.z) +
-                    ") grid mm; lower epsilon or raise r, or set on_degenerate to \"keep\"");
-  }
+                    " vertices cannot be removed, the first at " +
+                    options.names.place(surfaces.points()[queue.front()]) +
+                    "; lower epsilon or raise r, or set on_degenerate to \"keep\"");
   surfaces.drop_removed();
   result.surfaces = std::move(surfaces);
   return result;

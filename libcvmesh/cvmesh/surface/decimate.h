@@ -3,6 +3,7 @@
 
 #include "cvmesh/core/context.h"
 #include "cvmesh/mesh/material_surfaces.h"
+#include "cvmesh/mesh/mesh_names.h"
 
 #include <cstdint>
 #include <map>
@@ -20,6 +21,7 @@ enum class OnDegenerate {
 struct DecimateOptions {
   double deviation_vox = 0.5;  ///< distance to the dense surface below which shape rules
   OnDegenerate on_degenerate = OnDegenerate::Keep;
+  MeshNames names{};  ///< for messages
 };
 
 /// A vertex that had to stay.

@@ -61,7 +61,7 @@ void certify(const InterfaceMesh& surface, std::size_t material_count, const Mes
             names.material(static_cast<MaterialId>(m)) +
                 " has no facet on the surface, so it would be lost; make it finer (smaller "
                 "epsilon)");
-  const Validation validation = validate(surface, material_count);
+  const Validation validation = validate(surface, material_count, names);
   require(validation.is_valid(), ErrorCode::StageFailed, kStage,
           "the surface is not valid, so it cannot be filled; make it finer (smaller epsilon):\n" +
               validation.summary());
