@@ -10,9 +10,10 @@ namespace cvmesh {
 
 /// Splits edges of the surface at tets that `improve_tets` left poor, and improves what is around
 /// them, in rounds. A round that does not help on the whole is made once more only where it does;
-/// if that is no better either, up to five more rounds go on from it. What counts is the state in
-/// which the tets lack least. What stays poor even so gets moves of vertices of the surface that go
-/// as far as the rest of it lets them (`GapOpener::Barred`), and the rounds once more.
+/// if that is no better either, up to five more rounds go on from it (one, where no tet is poor by
+/// what is reported). What counts is the state in which the tets lack least. What stays poor even
+/// so gets moves of vertices of the surface that go as far as the rest of it lets them
+/// (`GapOpener::Barred`), and the rounds once more.
 ///
 /// Only a part of the mesh takes part, eight rings of vertices around the poor tets (`TetPart`): a
 /// round costs what is around them, not what the mesh is. Holds up to four copies of that part.
