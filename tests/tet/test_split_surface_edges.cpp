@@ -116,3 +116,14 @@ TEST_CASE("improve_tets: split edges stay below their bound", "[tet][unit]") {
   const ImproveTetsStats stats = improve_tets(mesh, options, silent_context());
   CHECK(static_cast<double>(stats.edge_splits) <= 0.02 * vertices);
 }
+
+TEST_CASE("improve_tets: splits kept for after barred moves are used where no vertex may move",
+          "[tet][unit]") {
+  TetMesh mesh = filled(thin_wall(0.45, 2));  // far more poor tets than splits
+  const auto vertices = static_cast<double>(mesh.surface.points.size());
+  ImproveTetsOptions options;
+  options.max_splits_per_vertex = 0.5;
+  REQUIRE(options.max_vertex_shift_mm == 0);
+  const ImproveTetsStats stats = improve_tets(mesh, options, silent_context());
+  CHECK(stats.edge_splits == static_cast<std::size_t>(0.5 * vertices));
+}

@@ -119,8 +119,7 @@ Checks check_mesh(const LabelVolume& labels,
 Checks inspect_mesh(const LabelVolume& labels,
                     const std::vector<MaterialTopology>& topology,
                     const InterfaceMesh& surface,
-                    const TetMesh* tets,
-                    const MeshNames& names) {
+                    const TetMesh* tets) {
   Checks checks;
   checks.labels_are_complete = checks.topology_as_lattice14 = true;
   for (std::size_t m = 1; m < labels.material_count(); ++m) {
@@ -128,10 +127,9 @@ Checks inspect_mesh(const LabelVolume& labels,
     if (t.mesh_components != t.voxels.components) checks.labels_are_complete = false;
     if (!topology_fault(t).empty()) checks.topology_as_lattice14 = false;
   }
-  checks.surface_is_valid = validate(surface, labels.material_count(), names).is_valid();
+  checks.surface_is_valid = validate(surface, labels.material_count()).is_valid();
   checks.surface_intersections = find_intersections(surface, kMostIntersections).size();
-  if (tets != nullptr)
-    checks.tets_are_valid = validate(*tets, labels.material_count(), names).is_valid();
+  if (tets != nullptr) checks.tets_are_valid = validate(*tets, labels.material_count()).is_valid();
   return checks;
 }
 

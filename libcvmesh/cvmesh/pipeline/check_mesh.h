@@ -34,8 +34,7 @@ Checks check_mesh(const LabelVolume& labels,
 Checks inspect_mesh(const LabelVolume& labels,
                     const std::vector<MaterialTopology>& topology,
                     const InterfaceMesh& surface,
-                    const TetMesh* tets,
-                    const MeshNames& names);
+                    const TetMesh* tets);
 
 /// Tets may be so flat that the rounding of a file's coordinates turns them over.
 /// @param to_file  from grid mm to the coordinates of the file, of the given space

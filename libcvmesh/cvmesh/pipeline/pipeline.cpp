@@ -246,9 +246,11 @@ void measure(Run& run, const LabelVolume& labels, const InterfaceMesh& dense, co
         report.topology = measure_topology(labels, dense, tets.surface);
         report.mesh = count_mesh(tets, material_count);
         report_progress(run.context, stage_names::kMetrics, 0.1);
-        const auto check = is_baseline(run) ? &inspect_mesh : &check_mesh;
-        report.checks = check(labels, report.topology, tets.surface,
-                              run.request.surface_only ? nullptr : &tets, names_in_messages(run));
+        const TetMesh* filled = run.request.surface_only ? nullptr : &tets;
+        report.checks =
+            is_baseline(run)
+                ? inspect_mesh(labels, report.topology, tets.surface, filled)
+                : check_mesh(labels, report.topology, tets.surface, filled, names_in_messages(run));
         report_progress(run.context, stage_names::kMetrics, 0.3);
         report.quality = run.request.surface_only ? measure_quality(tets.surface, material_count)
                                                   : measure_quality(tets, material_count);

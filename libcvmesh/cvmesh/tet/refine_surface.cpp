@@ -269,7 +269,8 @@ void refine_surface(TetMesh& mesh,
                   return refine_in_rounds(refined, is_frozen, most_splits, options, context);
                 });
   };
-  refine(find_poor(), static_cast<std::size_t>(kFirstShare * static_cast<double>(most)));
+  const auto most_at_first = static_cast<std::size_t>(kFirstShare * static_cast<double>(most));
+  refine(find_poor(), most_at_first);
   const std::vector<std::int32_t> left = find_poor();
   const bool is_better =
       !left.empty() && options.max_vertex_shift_mm > 0 &&
@@ -278,7 +279,7 @@ void refine_surface(TetMesh& mesh,
                     return open_barred_gaps(refined, is_frozen, options, context);
                   });
   // What could not be helped may have lacked so much that no gain elsewhere counted beside it.
-  if (is_better) refine(find_poor(), most);
+  if (is_better || (!left.empty() && stats.edge_splits >= most_at_first)) refine(find_poor(), most);
   std::tie(stats.shifted_vertices, stats.max_vertex_shift_mm) = shifts_from(homes, mesh.surface);
   OpenTets tets(mesh);
   stats.after = measure_dihedral_angles(tets);
